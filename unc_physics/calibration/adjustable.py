@@ -15,6 +15,9 @@ from ..scene.environment import Plane
 from ..scene.scene import Scene
 from .flight import moving_body
 
+#: Inertia of everyday objects over that of a solid one: a thin shell has 1.67.
+_PARTLY_HOLLOW = 1.2
+
 
 class Model(NamedTuple):
     """What predictions of recorded motions are made with.
@@ -36,23 +39,25 @@ class Model(NamedTuple):
 
 @dataclass(frozen=True)
 class Adjustable:
-    """A number that calibration can fit.
+    """A number that calibration can fit, with its prior.
 
     Attributes
     ----------
     name, unit, about : str
     low, high : float
-        Between which it is sought.
-    step : float
-        By which it changes noticeably; of the logarithm where ``relative``.
+        Bounds of the search.
+    prior_std : float
+        Standard deviation of the prior; of the logarithm where ``relative``.
     get : callable
         Its value in a `Model`.
     put : callable
         The `Model` with another value.
     relative : bool
         Whether it is sought on a logarithmic scale.
-    spread : bool
-        Whether it is a standard deviation, which is sought from half a ``step`` on where it is 0.
+    typical : float
+        Median of the prior where the scene gives none.
+    keeps_scene : bool
+        Whether the scene's value, if it is not 0, is the median of the prior.
     """
 
     name: str
@@ -60,31 +65,30 @@ class Adjustable:
     about: str
     low: float
     high: float
-    step: float
+    prior_std: float
     get: Callable[[Model], float]
     put: Callable[[Model, float], Model]
     relative: bool = False
-    spread: bool = False
+    typical: float = 0.0
+    keeps_scene: bool = True
 
-    def begin(self, model: Model) -> float:
-        """The value from which it is sought."""
-        value = self.get(model)
-        if self.spread:
-            value = max(value, 0.5 * self.step)
-        return float(np.clip(value, self.low, self.high))
+    def prior_median(self, model: Model) -> float:
+        """Median of the prior under a model, where the search begins."""
+        value = self.get(model) if self.keeps_scene else 0.0
+        return float(np.clip(value or self.typical, self.low, self.high))
 
     def scaled(self, value: float) -> float:
-        """The value in steps."""
-        return (math.log(value) if self.relative else value) / self.step
+        """The value in standard deviations of the prior."""
+        return (math.log(value) if self.relative else value) / self.prior_std
 
-    def unscaled(self, steps: float) -> float:
-        """The value from steps."""
-        value = math.exp(steps * self.step) if self.relative else steps * self.step
-        return float(np.clip(value, self.low, self.high))
+    def unscaled(self, scaled: float) -> float:
+        """The value from standard deviations of the prior."""
+        by = scaled * self.prior_std
+        return float(np.clip(math.exp(by) if self.relative else by, self.low, self.high))
 
 
-def _of_scene(name, unit, about, low, high, step, relative=False):
-    """An adjustable that is a field of the scene."""
+def _of_scene(name, unit, about, low, high, typical, prior_std=0.7, keeps_scene=True):
+    """A positive adjustable that is a field of the scene."""
 
     def put(model, value):
         return model._replace(scene=replace(model.scene, **{name: value}))
@@ -95,15 +99,16 @@ def _of_scene(name, unit, about, low, high, step, relative=False):
         about,
         low,
         high,
-        step,
+        prior_std,
         get=lambda model: getattr(model.scene, name) or 0.0,
         put=put,
-        relative=relative,
-        spread=name.endswith("_std"),
+        relative=True,
+        typical=typical,
+        keeps_scene=keeps_scene,
     )
 
 
-def _material(name, about, low, high, step, relative=False):
+def _material(name, about, low, high, prior_std, relative=False):
     """Friction or restitution between the body and all else: none keeps one of its own."""
 
     def get(model):
@@ -118,7 +123,7 @@ def _material(name, about, low, high, step, relative=False):
         elements = [replace(element, **own) for element in scene.environment]
         return model._replace(scene=replace(scene, bodies=bodies, environment=elements, **{name: value}))
 
-    return Adjustable(name, "", about, low, high, step, get, put, relative)
+    return Adjustable(name, "", about, low, high, prior_std, get, put, relative)
 
 
 def _inertia_factor(model):
@@ -180,37 +185,45 @@ def _noise(name, unit, about, low, high):
 
 def adjustables(scene: Scene) -> dict[str, Adjustable]:
     """All that can be fitted about a scene, by name; heights count from those of this scene."""
+    point = 0.05 * moving_body(scene).model.bounding_radius
     known = (
-        _material("friction", "coefficient of friction between body and surroundings", 0.005, 3.0, 0.3, True),
-        _material("restitution", "coefficient of restitution, likewise", 0.0, 1.0, 0.12),
+        _material("friction", "coefficient of friction between body and surroundings", 0.005, 3.0, 0.5, True),
+        _material("restitution", "coefficient of restitution, likewise", 0.0, 1.0, 0.15),
+        _of_scene("impact_friction_speed", "m/s", "closing speed that halves friction", 0.2, 100.0, 3.0),
         Adjustable(
             "inertia",
             "",
             "inertia over that of the model",
             0.3,
             3.0,
-            0.2,
+            0.25,
             _inertia_factor,
             _with_inertia,
             relative=True,
+            typical=_PARTLY_HOLLOW,
+            keeps_scene=moving_body(scene).inertia is not None,
         ),
         Adjustable(
-            "height", "m", "by how much the surroundings lie higher", -0.02, 0.02, 1e-3, *_raised(scene)
+            "height", "m", "by how much the surroundings lie higher", -0.02, 0.02, 2e-3, *_raised(scene)
         ),
-        _of_scene("impact_direction_std", "rad", "turn of an impact's impulse", 0.0, 0.3, 0.03),
-        _of_scene("impact_point_std", "m", "shift of where it acts", 0.0, 0.05, 3e-3),
-        _of_scene("impact_friction_std", "", "of the logarithm of its friction", 0.0, 1.5, 0.15),
-        _of_scene("friction_std", "", "spread of friction from motion to motion", 0.0, 0.5, 0.02),
+        _of_scene("impact_direction_std", "rad", "turn of an impact's impulse", 1e-3, 0.5, 0.03),
+        _of_scene("impact_point_std", "m", "shift of where it acts", 1e-5, 0.05, point),
+        _of_scene("impact_friction_std", "", "of the logarithm of its friction", 1e-3, 1.5, 0.1),
+        _of_scene(
+            "friction_std", "", "spread of friction from motion to motion", 1e-4, 0.5, 0.02, keeps_scene=False
+        ),
+        _of_scene("restitution_std", "", "likewise of restitution", 1e-4, 0.5, 0.03, keeps_scene=False),
         Adjustable(
             "surface_tilt_std",
             "rad",
             "tilt of the surroundings, from motion to motion",
-            0.0,
+            1e-4,
             0.2,
-            0.01,
+            0.7,
             _tilt,
             _with_tilt,
-            spread=True,
+            relative=True,
+            typical=5e-3,
         ),
         _noise("position_noise", "m", "error of a recorded position", 1e-6, 0.05),
         _noise("rotation_noise", "rad", "error of a recorded rotation", 1e-5, 0.5),
@@ -222,11 +235,14 @@ def adjustables(scene: Scene) -> dict[str, Adjustable]:
 DEFAULT = (
     "friction",
     "restitution",
+    "impact_friction_speed",
     "inertia",
     "height",
     "impact_direction_std",
     "impact_point_std",
     "impact_friction_std",
+    "friction_std",
+    "restitution_std",
     "surface_tilt_std",
     "position_noise",
     "rotation_noise",

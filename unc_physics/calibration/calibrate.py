@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from typing import NamedTuple
 
 import numpy as np
 
 from ..checks.errors import NotSupportedError
 from ..checks.validation import integer
 from ..scene.scene import Scene
-from .adjustable import DEFAULT, Model, chosen, with_values
-from .flight import flight_gravity, pose_noise
+from .adjustable import DEFAULT, Adjustable, Model, chosen
+from .flight import FlightStart, flight_gravity, pose_noise
 from .motions import Motion
-from .objective import SAMPLES, TIMES, Objective, Recorded, Scores, recorded
+from .objective import DRAWS, TIMES, Objective, Recorded, Scores, Simulator, recorded, simulated
+from .posterior import Posterior
 from .search import Search
 from .uncertainty import refine, refining
 
 EVALUATIONS = 80
-_SEARCHED = 12  # motions, at most, that values are sought with before all say how sure they are
+_SEARCHED = 12  # motions, at most, that values are sought with before all say how certain they are
 _LEVEL = 0.9  # of the regions by which a model is doubted
 _SURE = 4.0  # standard errors by which it is missed then: it is asked four times, of values that err too
 _NOISE = 3.0  # errors of recorded poses over what one flight shows of them, to begin with
@@ -37,9 +39,9 @@ class Fitted:
         The scene's own.
     value : float
     std : float
-        Of the value, as motions differ; at most what the search allows.
-    settled : bool
-        Whether the score has its minimum at the value, and curves: if not, the data do not determine it.
+        Of the value, as motions differ; at most that of the prior.
+    determined : bool
+        Whether the motions say more of the value than its prior.
     """
 
     name: str
@@ -48,7 +50,7 @@ class Fitted:
     before: float
     value: float
     std: float
-    settled: bool
+    determined: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +106,11 @@ class Calibration:
                         " model lacks something, or the data are not what the scene says"
                     )
         for one, (low, high) in zip(self.fitted, self.bounds, strict=True):
-            if one.value >= high * (1.0 - 1e-6) or (low > 0.0 and one.value <= low * (1.0 + 1e-6)):
+            if not low * (1.0 + 1e-6) < one.value < high * (1.0 - 1e-6) and one.determined:
                 found.append(f"{one.name} ends at the bound of what is sought, {one.value:.3g}")
-        loose = [one.name for one in self.fitted if not one.settled]
+        loose = [one.name for one in self.fitted if not one.determined]
         if loose:
-            found.append(
-                f"the motions do not determine {', '.join(loose)}: the score hardly changes with it, or was"
-                " still falling; record more motions, try more models, or fit less"
-            )
+            found.append(f"the motions say little of {', '.join(loose)}: the prior holds")
         return tuple(found)
 
 
@@ -121,31 +120,32 @@ def calibrate(
     fit: Sequence[str] = DEFAULT,
     *,
     times: Sequence[float] = TIMES,
-    samples: int = SAMPLES,
+    samples: int | None = None,
     evaluations: int = EVALUATIONS,
     seed: int = 0,
     progress: Callable[[int, int, float], object] | None = None,
 ) -> Calibration:
-    """Fit friction, restitution, inertia and errors of the model to recorded motions.
+    """Fit friction, restitution, inertia and errors of the model to recorded motions, all jointly.
 
-    Each motion is predicted from the state that its first poses give, by Monte Carlo, and compared with what
-    came by energy scores of position and rotation at several times and by the logarithmic score of how the
-    body lies at the end. All models see the same random numbers.
+    Each motion is predicted from the state that its first poses give, by Monte Carlo, and compared with the
+    recorded poses: by energy scores of position and rotation at several times, and by the Brier score of the
+    side on which the body ends. All models see the same random numbers. Where the motions say little, a
+    penalty keeps values near their priors, whose medians are the scene's values.
 
     Parameters
     ----------
     motions : sequence of Motion
     scene : Scene
-        One body and its surroundings, with the implicit integrator; its values are where the search begins.
+        One body and its surroundings, with the implicit integrator; its values are the medians of the priors.
     fit : sequence of str
         Names of what is fitted (`adjustable.adjustables`).
     times : sequence of float
         At which predictions are scored, beside each motion's end [s].
-    samples : int
-        Of each motion's prediction.
+    samples : int, optional
+        Of each motion's prediction; by default 24 of 30 motions, and more of fewer.
     evaluations : int
         Models that the search tries on a dozen of the motions, at least four times as many as there are
-        things to fit. After it some more tell how sure the values are.
+        things to fit. Some more, on all motions, follow for the uncertainty of the values.
     seed : int
     progress : callable, optional
         Called with the number of models tried, of about how many, and the best score so far. What it raises
@@ -159,47 +159,103 @@ def calibrate(
     if scene.integrator != "implicit":
         raise NotSupportedError("needs the implicit integrator", field="integrator", value=scene.integrator)
     adjusted = chosen(scene, fit)
-    samples = integer(samples, "samples", low=4)
     evaluations = integer(evaluations, "evaluations", low=4 * len(adjusted))
     found = recorded(motions, scene, times)
-    noise = [_NOISE * value for value in pose_noise([one.start for one in found])]
-    before = Model(scene, max(noise[0], 1e-6), max(noise[1], 1e-5))
-    first = with_values(before, adjusted, {one.name: one.begin(before) for one in adjusted})
+    samples = max(4, DRAWS // len(found)) if samples is None else integer(samples, "samples", low=4)
+    before = with_noise(scene, found)
     told = _Progress(evaluations + refining(len(adjusted)), progress)
-    few = Objective(found[:_SEARCHED], samples, seed)
-    search = Search(few, first, adjusted, told)
-    search.approach()
-    if evaluations - search.tried > 2 * len(adjusted):
-        search.run(evaluations - search.tried)
-    every = Objective(found, samples, seed)
-    score_before = every.per_motion(before).mean()
-    estimate = refine(few, every, first, adjusted, search.values, told)
-    after = with_values(first, adjusted, estimate.values)
+    result = fit_model(found, before, adjusted, samples, evaluations, seed, told)
     check = Objective(found, max(samples, 100), seed + 1)
-    objective = score_before, every.per_motion(after).mean()
     return Calibration(
         before,
-        after,
-        tuple(
-            Fitted(
-                one.name,
-                one.unit,
-                one.about,
-                one.get(before),
-                estimate.values[one.name],
-                estimate.stds[one.name],
-                estimate.settled[one.name],
-            )
-            for one in adjusted
-        ),
+        result.model,
+        result.fitted,
         tuple(check.scores(before)),
-        tuple(check.scores(after)),
+        tuple(check.scores(result.model)),
         tuple(found),
         flight_gravity(motions, scene),
-        (float(objective[0]), float(objective[1])),
+        result.scores,
         told.tried,
         tuple((one.low, one.high) for one in adjusted),
     )
+
+
+def with_noise(scene: Scene, motions: Sequence[Recorded]) -> Model:
+    """Return a model of a scene with the errors of poses that the flights of motions show."""
+    starts = [one.start for one in motions if isinstance(one.start, FlightStart)]
+    position, rotation = (_NOISE * value for value in pose_noise(starts))
+    return Model(scene, max(position, 1e-6), max(rotation, 1e-5))
+
+
+class Fit(NamedTuple):
+    """What `fit_model` found.
+
+    Attributes
+    ----------
+    model : Model
+        With the fitted values; what motions leave open of friction and restitution is part of their spread.
+    fitted : tuple of Fitted
+    scores : (float, float)
+        Mean scores of the motions before and after, without the penalty.
+    """
+
+    model: Model
+    fitted: tuple[Fitted, ...]
+    scores: tuple[float, float]
+
+
+def fit_model(
+    motions: Sequence[Recorded],
+    before: Model,
+    adjusted: Sequence[Adjustable],
+    samples: int,
+    evaluations: int,
+    seed: int,
+    tell: Callable[[float], object] = lambda score: None,
+    simulate: Simulator = simulated,
+) -> Fit:
+    """Return the model under which motions are predicted best, for any simulator.
+
+    Parameters
+    ----------
+    motions : sequence of Recorded
+    before : Model
+        Its values are the medians of the priors.
+    adjusted : sequence of Adjustable
+    samples, evaluations, seed : int
+        As those of `calibrate`.
+    tell : callable, optional
+        Takes the mean penalised score of each model that is tried.
+    simulate : callable, optional
+        Makes the predictions.
+    """
+    few = Objective(motions[:_SEARCHED], samples, seed, simulate)
+    search = Search(Posterior(few, before, adjusted, tell, len(motions)))
+    search.approach()
+    if evaluations - search.tried > 2 * len(adjusted):
+        search.run(evaluations - search.tried)
+    every = Objective(motions, samples, seed, simulate)
+    score_before = every.per_motion(before).mean()
+    posterior = Posterior(every, before, adjusted, tell)
+    estimate = refine(posterior, search.best)
+    model = posterior.with_values(estimate.x)
+    score_after = every.per_motion(model).mean()
+    values, fitted = posterior.values(estimate.x), []
+    for one, std, determined in zip(adjusted, estimate.stds, estimate.determined, strict=True):
+        value = values[one.name]
+        own = float(min(one.prior_std * std * (value if one.relative else 1.0), one.high - one.low))
+        fitted.append(Fitted(one.name, one.unit, one.about, one.get(before), value, own, bool(determined)))
+    return Fit(_widened(model, fitted), tuple(fitted), (float(score_before), float(score_after)))
+
+
+def _widened(model, fitted):
+    """The model whose spread of friction and restitution includes what the motions leave open of them."""
+    scene, changes = model.scene, {}
+    for one in fitted:
+        if one.name in ("friction", "restitution"):
+            spread = f"{one.name}_std"
+            changes[spread] = math.hypot(getattr(scene, spread), one.std)
+    return model._replace(scene=replace(scene, **changes))
 
 
 class _Progress:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -18,13 +18,13 @@ from ..scene.stiffness import with_stiffness
 from ..spatial.layout import POSITION, QUATERNION
 from . import scores
 from .adjustable import Model
-from .flight import FlightStart, fit_start
+from .flight import fit_start
 from .motions import Motion
 from .quaternions import of_vectors, product
 
 TIMES = (0.1, 0.2, 0.4)  # after the start at which predictions are scored, beside the end [s]
-SAMPLES = 32
-WEIGHTS = 0.3, 0.5  # of the logarithmic scores of poses, and of how a body lies at the end
+DRAWS = 720  # samples of all motions together
+WEIGHTS = 0.3, 1.0  # of the logarithmic scores of poses, and of how a body lies at the end
 _WIDE = 0.2, 1.5  # of what no sample showed [m], [rad]
 _LOST = 1e3  # m, from which a sample counts as thrown away
 
@@ -41,13 +41,26 @@ def simulated(
     return [prediction.samples(time=time)[:, 0] for time in prediction.times]
 
 
+class Start(Protocol):
+    """The state that a motion begins with, and its errors; `flight.FlightStart` is one."""
+
+    @property
+    def state(self) -> np.ndarray:
+        """(13,), as in `Belief`."""
+        ...
+
+    def belief(self, position_noise: float, rotation_noise: float) -> Belief:
+        """The belief at time 0, of recorded poses that err by so much [m], [rad]."""
+        ...
+
+
 class Recorded(NamedTuple):
     """A motion as it is scored.
 
     Attributes
     ----------
     motion : Motion
-    start : FlightStart
+    start : Start
     times : tuple of float
         At which predictions are compared with it [s]; the last is its end.
     poses : tuple of (7,) arrays
@@ -55,13 +68,20 @@ class Recorded(NamedTuple):
     """
 
     motion: Motion
-    start: FlightStart
+    start: Start
     times: tuple[float, ...]
     poses: tuple[np.ndarray, ...]
 
 
-def recorded(motions: Sequence[Motion], scene: Scene, times: Sequence[float] = TIMES) -> list[Recorded]:
-    """Motions with their starts; those that touch something within their first poses are left out.
+def recorded(
+    motions: Sequence[Motion],
+    scene: Scene,
+    times: Sequence[float] = TIMES,
+    starts: Sequence[Start] | None = None,
+) -> list[Recorded]:
+    """Motions with their starts, which are fitted to the first poses where none are given.
+
+    Motions that touch something within their first poses are then left out.
 
     Raises
     ------
@@ -69,8 +89,8 @@ def recorded(motions: Sequence[Motion], scene: Scene, times: Sequence[float] = T
         If none is left.
     """
     found = []
-    for motion in motions:
-        start = fit_start(motion, scene)
+    for k, motion in enumerate(motions):
+        start = fit_start(motion, scene) if starts is None else starts[k]
         if start is None:
             continue
         own = {motion.nearest(time) for time in times if time < motion.duration} | {motion.duration}
@@ -104,11 +124,11 @@ class Scores(NamedTuple):
     position, rotation : (T,) arrays
         Energy scores at its times [m], [rad].
     density : float
-        Mean logarithmic score of positions and rotations at all times (`scores.gaussian_log_score`).
+        Mean logarithmic score of positions and rotations at all times (`scores.gaussian_scores`).
     lies : float
-        Logarithmic score of which side is up at the end.
+        Brier score of whether the same side is up at the end.
     position_rank, rotation_rank : (T,) arrays
-        Mahalanobis ranks (`scores.mahalanobis_rank`).
+        Mahalanobis ranks (`scores.gaussian_scores`).
     """
 
     position: np.ndarray
@@ -125,17 +145,18 @@ def scored(states: Sequence[np.ndarray], poses: Sequence[np.ndarray]) -> Scores:
     for x, pose in zip(states, poses, strict=True):
         errors = scores.pose_errors(x, pose)
         pairs = (errors.position, errors.seen_position), (errors.rotation, errors.seen_rotation)
-        densities = [scores.gaussian_log_score(*pair, wide) for pair, wide in zip(pairs, _WIDE, strict=True)]
+        found = [scores.gaussian_scores(*pair, wide) for pair, wide in zip(pairs, _WIDE, strict=True)]
         rows.append(
             (
                 scores.energy_score(x[:, POSITION], pose[:3], fair=True),
                 scores.rotation_energy_score(x[:, QUATERNION], pose[3:], fair=True),
-                np.mean(densities),
-                *(scores.mahalanobis_rank(*pair) for pair in pairs),
+                0.5 * (found[0][0] + found[1][0]),
+                found[0][1],
+                found[1][1],
             )
         )
     position, rotation, density, position_rank, rotation_rank = np.array(rows).T
-    lies = scores.log_score(scores.lies_alike(states[-1][:, QUATERNION], poses[-1][3:]))
+    lies = scores.fair_brier_score(scores.lies_alike(states[-1][:, QUATERNION], poses[-1][3:]))
     return Scores(position, rotation, float(density.mean()), lies, position_rank, rotation_rank)
 
 
@@ -158,7 +179,7 @@ class Objective:
     """
 
     recorded: Sequence[Recorded]
-    samples: int = SAMPLES
+    samples: int
     seed: int = 0
     simulate: Simulator = simulated
     weights: tuple[float, float] = WEIGHTS

@@ -60,9 +60,10 @@ def rotation_energy_score(
     return float(np.mean(distance(quaternions @ observed)) - 0.5 * _between(between, fair))
 
 
-def log_score(hits: np.ndarray) -> float:
-    """Negative logarithm of the share of samples that did what really came, half a sample at least."""
-    return float(-np.log(max(np.mean(hits), 0.5 / len(hits))))
+def fair_brier_score(hits: np.ndarray) -> float:
+    """Squared share of samples (n,) that did not do what really came, on average that of endless samples."""
+    misses = 1.0 - float(np.mean(hits))
+    return misses**2 - misses * (1.0 - misses) / max(len(hits) - 1, 1)
 
 
 def lies_alike(quaternions: np.ndarray, observed: np.ndarray) -> np.ndarray:
@@ -104,39 +105,41 @@ def pose_errors(states: np.ndarray, observed: np.ndarray) -> PoseErrors:
     )
 
 
-def mahalanobis_rank(errors: np.ndarray, observed: np.ndarray) -> float:
-    """Share of samples (n, d) that lie nearer to their mean, as their covariance counts, than what came (d,).
+def gaussian_scores(errors: np.ndarray, observed: np.ndarray, wide: float) -> tuple[float, float]:
+    """Compare what came (d,) with the Gaussian of samples, errors (n, d) from their mean.
+
+    Parameters
+    ----------
+    errors : (n, d) array
+    observed : (d,) array
+    wide : float
+        With a share of `OUTSIDE` the density is a Gaussian of this standard deviation in each direction, so
+        that what no sample showed costs much, but not all.
 
     Returns
     -------
-    float
-        Uniform between 0 and 1 where predictions are right: the region of 90 % holds what has at most 0.9.
-    """
-    samples, seen = _whitened(errors, observed)[:2]
-    return float(np.mean(np.sum(samples**2, axis=1) < seen @ seen))
-
-
-def gaussian_log_score(errors: np.ndarray, observed: np.ndarray, wide: float) -> float:
-    """Negative logarithm of the density of what came (d,), per dimension, of the samples' Gaussian.
-
-    With a share of `OUTSIDE` it counts as a Gaussian that is ``wide`` in each direction, so that what no
-    sample showed costs much, but not all. Samples are errors (n, d) from their mean.
+    log_score : float
+        Negative logarithm of the density of what came, per dimension.
+    rank : float
+        Share of samples nearer to their mean than what came, by Mahalanobis distance. It is uniform between
+        0 and 1 where predictions are right: the region of 90 % holds what has at most 0.9.
 
     Notes
     -----
-    The Gaussian of few samples is too sure of itself, which would reward spread: both terms are corrected by
-    the moments of Wishart's distribution to what they are on average for endless samples.
+    The Gaussian of few samples is too sure of itself, which would reward spread: both terms of the score are
+    corrected by the moments of Wishart's distribution to what they are on average for endless samples.
     """
     count, dimensions = errors.shape
-    _, seen, root_determinant = _whitened(errors, observed)
+    samples, seen, root_determinant = _whitened(errors, observed)
     square, freedom = seen @ seen, count - 1
+    rank = float(np.mean(np.sum(samples**2, axis=1) < square))
     if freedom > dimensions + 1:
         square = (freedom - dimensions - 1) / freedom * square - dimensions / count
         halves = 0.5 * (freedom - np.arange(dimensions))
         root_determinant -= 0.5 * float(np.sum(_digamma(halves) - np.log(0.5 * freedom)))
     inside = np.log1p(-OUTSIDE) - 0.5 * square - root_determinant
     outside = np.log(OUTSIDE) - 0.5 * (observed @ observed) / wide**2 - dimensions * np.log(wide)
-    return float(-np.logaddexp(inside, outside) / dimensions)
+    return float(-np.logaddexp(inside, outside) / dimensions), rank
 
 
 def _digamma(x):

@@ -2,73 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
 
-from ..checks.errors import UncPhysicsError
-from .adjustable import Adjustable, Model, with_values
-from .objective import Objective
+from .posterior import Posterior
 
-_FIRST_STEP, _LAST_STEP = 1.0, 0.1  # of the search, in an adjustable's steps
-_PROBE = 0.7  # trust radius with which it goes on, likewise
+_FIRST_STEP, _LAST_STEP = 0.7, 0.07  # of the search, in standard deviations of the priors
 
 
 class Search:
-    """A search for the values under which motions are predicted best.
+    """A search for the values whose penalised score is least, from the medians of their priors on.
 
     Parameters
     ----------
-    objective : Objective
-    model : Model
-        Where it begins.
-    adjusted : sequence of Adjustable
-    tell : callable
-        Takes the mean score of each model that is tried.
+    posterior : Posterior
     """
 
-    def __init__(
-        self,
-        objective: Objective,
-        model: Model,
-        adjusted: Sequence[Adjustable],
-        tell: Callable[[float], object],
-    ):
-        self.objective, self.model, self.adjusted, self._tell = objective, model, list(adjusted), tell
+    def __init__(self, posterior: Posterior):
+        self._posterior = posterior
         self._points: list[np.ndarray] = []
-        self._scores: list[np.ndarray] = []
-        self._lower = np.array([one.scaled(one.low) for one in self.adjusted])
-        self._upper = np.array([one.scaled(one.high) for one in self.adjusted])
+        self._scores: list[float] = []
+        self._try(posterior.median)
 
     @property
     def tried(self) -> int:
         """Number of models tried."""
         return len(self._points)
 
+    @property
+    def best(self) -> np.ndarray:
+        """(K,): the best scaled values so far."""
+        return self._points[int(np.argmin(self._scores))]
+
     def approach(self) -> None:
         """Go a step along each axis, back where that is worse; then on along all of them while it is better.
 
         From a poor beginning it gets as far with half the models as the search that follows it.
         """
-        origin = self._best() if self._points else self._begin()
-        self._try(origin)
+        origin = self.best
         for k in range(len(origin)):
-            center, before = self._best(), self._least()
+            center, before = self.best, min(self._scores)
             for side in (_FIRST_STEP, -_FIRST_STEP):
-                self._try(self._probe(center, k, side))
-                if self._least() < before:
+                self._try(self._posterior.moved(center, k, side))
+                if min(self._scores) < before:
                     break
         while True:
-            way, before = self._best() - origin, self._least()
-            origin = self._best()
-            self._try(np.clip(origin + way, self._lower, self._upper))
-            if self._least() >= before:
+            way, before = self.best - origin, min(self._scores)
+            origin = self.best
+            self._try(np.clip(origin + way, self._posterior.low, self._posterior.high))
+            if min(self._scores) >= before:
                 break
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The best values so far, by their names."""
-        return self._values(self._best())
 
     def run(self, evaluations: int) -> None:
         """Try so many models, from the best so far.
@@ -78,51 +60,22 @@ class Search:
         """
         from scipy.optimize import minimize
 
-        tried = self.tried
         minimize(
-            lambda x: float(self._try(x).mean()),
-            self._best() if self._points else self._begin(),
+            self._try,
+            self.best,
             method="COBYQA",
-            bounds=list(zip(self._lower, self._upper, strict=True)),
+            bounds=list(zip(self._posterior.low, self._posterior.high, strict=True)),
             options={
                 "maxfev": evaluations,
-                "initial_tr_radius": _FIRST_STEP if not tried else _PROBE,
+                "initial_tr_radius": _FIRST_STEP,
                 "final_tr_radius": _LAST_STEP,
                 "scale": False,
             },
         )
 
-    def _begin(self):
-        begin = np.array([one.scaled(one.get(self.model)) for one in self.adjusted])
-        return np.clip(begin, self._lower, self._upper)
-
-    def _probe(self, center, k, side):
-        """A point beside another along an axis; on its other side where a bound is in the way."""
-        x = center.copy()
-        x[k] = np.clip(x[k] + side, self._lower[k], self._upper[k])
-        if x[k] == center[k]:
-            x[k] = np.clip(center[k] - 0.5 * side, self._lower[k], self._upper[k])
-        return x
-
     def _try(self, x):
-        """Scores (M,) of the motions at scaled values; remembered."""
-        try:
-            model = with_values(self.model, self.adjusted, self._values(x))
-            found = self.objective.per_motion(model)
-        except UncPhysicsError:
-            if not self._scores:
-                raise
-            found = self._scores[0] * 10.0  # such as a diverging simulation: no candidate
+        """The mean score at scaled values (K,); remembered."""
+        score = float(self._posterior.at(x).mean())
         self._points.append(np.array(x))
-        self._scores.append(found)
-        self._tell(float(found.mean()))
-        return found
-
-    def _least(self):
-        return min(float(own.mean()) for own in self._scores)
-
-    def _best(self):
-        return self._points[int(np.argmin([own.mean() for own in self._scores]))]
-
-    def _values(self, x):
-        return {one.name: one.unscaled(float(v)) for one, v in zip(self.adjusted, x, strict=True)}
+        self._scores.append(score)
+        return score

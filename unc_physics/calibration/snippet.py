@@ -13,14 +13,15 @@ from .calibrate import Calibration
 
 _GRAVITY_OFF = 0.01  # relative, by which gravity may differ from the scene's
 _SLANT = 5e-3  # rad, likewise
-_PHYSICS = ("friction", "restitution", "friction_std", "restitution_std", *IMPACT_STDS)
+_MATERIAL = ("friction", "friction_std", "restitution", "restitution_std")
+_PHYSICS = (*_MATERIAL, "impact_friction_speed", *IMPACT_STDS)
 
 
 def as_table(found: Calibration) -> str:
     """Fitted values with their uncertainty, a line each, and what else the motions say."""
     rows = [["", "before", "fitted", "std", "unit"]]
     for one in found.fitted:
-        std = f"{one.std:.3g}" if one.settled else f"({one.std:.3g})"
+        std = f"{one.std:.3g}" if one.determined else f"({one.std:.3g})"
         rows.append([one.name, f"{one.before:.3g}", f"{one.value:.3g}", std, one.unit])
     widths = [max(len(row[k]) for row in rows) for k in range(5)]
     lines = ["  ".join(f"{cell:<{w}}" for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -1,50 +1,45 @@
-"""How sure fitted values are: each motion's score as a quadratic about them (the sandwich estimator).
+"""How certain fitted values are: the penalised score as a quadratic about them (the sandwich estimator).
 
 Slopes of the score differ from motion to motion, and its curvature says how far the best values would have
 moved for others. Both are differences over steps that are wide enough for the score to curve by several
-standard errors: over narrower ones scores by samples are rough. Where the score is no quadratic, how far it
-takes to be larger by a standard error counts, if that is more.
+standard errors: over shorter ones scores by samples are rough. Where the score is no quadratic, how far it
+takes to be larger by a standard error counts, if that is more. The prior adds its own curvature, and an error
+of its median.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import UncPhysicsError
-from .adjustable import Adjustable, Model, with_values
-from .objective import Objective
+from .posterior import PRIOR_WEIGHT, Posterior
 
-_FIRST, _LARGEST = 0.2, 1.0  # step of differences: the first, and from where on it grows no more
-_LOOKS = 5  # at most, for the step of a value
+_FIRST, _LARGEST = 0.7, 1.4  # steps of differences, in standard deviations of the priors
+_LOOKS = 3  # at most, for the step of a value
 _SURE = 3.0  # standard errors by which a score must curve over a step
-_WIDE = 12.0  # standard deviations that a step is at most
-_CURVED = 2.0  # standard errors by which a score must curve about a value that is determined
-_FARTHEST = 4.0  # from a bound, in an adjustable's steps
-_FAILED = 1e3  # score of a model that cannot be simulated
-_FLAT = 1e-9  # the least curvature that counts
+_WIDE = 12.0  # standard deviations of a value that a step is at most
+_NARROWER = 0.8  # standard deviation over that of the prior, below which motions say something of it
+_LIKE_LIKELIHOOD = 4.0  # motions that count as if the score were a log likelihood over the weight
 _LEAST_CURVATURE = 0.1  # of a correlation matrix's eigenvalues, from below
 
 
 class Estimate(NamedTuple):
-    """Values and how sure they are, by the names of what was fitted.
+    """Fitted values in standard deviations of their priors, and how certain they are: (K,) arrays.
 
     Attributes
     ----------
-    values : dict
-    stds : dict
-        Standard deviations of the values, as motions differ. Of a value at a bound: the distance from it at
-        which the score is larger by one standard error.
-    settled : dict
-        Whether the score has its minimum there, so that the standard deviation can be relied on.
+    x : array
+    stds : array
+        Standard deviations, at most those of the priors.
+    determined : array of bool
+        Whether motions say more of the value than its prior.
     """
 
-    values: dict[str, float]
-    stds: dict[str, float]
-    settled: dict[str, bool]
+    x: np.ndarray
+    stds: np.ndarray
+    determined: np.ndarray
 
 
 class _Axis(NamedTuple):
@@ -64,231 +59,139 @@ class _Axis(NamedTuple):
     slope: np.ndarray
     curvature: np.ndarray
 
-    @property
-    def certainty(self) -> float:
-        """The mean curvature over its standard error."""
-        return float(self.curvature.mean() / max(_standard_error(self.curvature), 1e-300))
-
-    @property
-    def std(self) -> float:
-        """Standard deviation of the coordinate alone; infinite where the mean score does not curve."""
-        curvature = float(self.curvature.mean())
-        return _standard_error(self.slope) / curvature if curvature > 0.0 else math.inf
-
-
-class _Scores:
-    """Scores of motions as functions of scaled values (K,), and differences of them."""
-
-    def __init__(self, objective: Objective, model: Model, adjusted: Sequence[Adjustable], tell):
-        self._objective, self._model, self._adjusted, self._tell = objective, model, adjusted, tell
-        self.low = np.array([one.scaled(one.low) for one in adjusted])
-        self.high = np.array([one.scaled(one.high) for one in adjusted])
-
-    def values(self, x):
-        return {one.name: one.unscaled(float(u)) for one, u in zip(self._adjusted, x, strict=True)}
-
-    def at(self, x):
-        """(M,)"""
-        model = with_values(self._model, self._adjusted, self.values(x))
-        try:
-            found = self._objective.per_motion(model)
-        except UncPhysicsError:  # such as a diverging simulation
-            found = np.full(len(self._objective.recorded), _FAILED)
-        self._tell(float(found.mean()))
-        return found
-
-    def moved(self, x, k, by):
-        moved = x.copy()
-        moved[k] = np.clip(moved[k] + by, self.low[k], self.high[k])
-        return moved
-
-    def at_bound(self, x):
-        """(K,) bool"""
-        return (x <= self.low) | (x >= self.high)
-
-    def along(self, x, middle, k, step) -> _Axis:
-        """Differences along coordinate k; on one side where a bound is on the other."""
-        a, b = step, -step
-        room = self.high[k] - x[k], x[k] - self.low[k]
-        if min(room) < step:
-            a = min(step, 0.5 * max(room)) * (1.0 if room[0] > room[1] else -1.0)
-            b = 2.0 * a
-        first, second = self.at(self.moved(x, k, a)), self.at(self.moved(x, k, b))
-        slope = ((first - middle) * b * b - (second - middle) * a * a) / (a * b * (b - a))
-        curvature = 2.0 * ((second - middle) * a - (first - middle) * b) / (a * b * (b - a))
-        return _Axis(a, first, slope, curvature)
-
 
 def refining(count: int) -> int:
     """Return about how many models `refine` tries for so many values."""
-    return 8 * count + count * (count - 1) // 2 + 3
+    return 5 * count + count * (count - 1) // 6 + 2
 
 
-def refine(
-    few: Objective,
-    objective: Objective,
-    model: Model,
-    adjusted: Sequence[Adjustable],
-    values: dict[str, float],
-    tell: Callable[[float], object],
-) -> Estimate:
-    """Return the values at which the score is least, from others nearby, and how sure they are.
+def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
+    """Return the values at which the penalised score is least, from others nearby, and how certain they are.
 
     Parameters
     ----------
-    few : Objective
-        Some of the motions, with which steps of differences are found.
-    objective : Objective
-        All of them.
-    model : Model
-    adjusted : sequence of Adjustable
-    values : dict
+    posterior : Posterior
+        Of all motions.
+    x : (K,) array
         Where it begins, as the search found them.
-    tell : callable
-        Takes the mean score of each model that is tried.
     """
-    rough, scores = _Scores(few, model, adjusted, tell), _Scores(objective, model, adjusted, tell)
-    x = np.array([one.scaled(values[one.name]) for one in adjusted])
-    x = np.clip(x, scores.low, scores.high)
-    x, _ = _without_needless_spreads(rough, adjusted, x, rough.at(x))
-    x, steps = _steps_of_differences(rough, x)
-    middle = scores.at(x)
-    x, middle = _without_needless_spreads(scores, adjusted, x, middle)
-    std, axes, at_bound = np.zeros(len(x)), [], scores.at_bound(x)
-    for k in range(len(x)):
-        axis = None if at_bound[k] else scores.along(x, middle, k, steps[k])
-        if axis is not None and axis.certainty > _CURVED:
-            axes.append((k, axis))
-        else:
-            std[k] = _reach(scores, x, middle, k, -_FIRST if x[k] >= scores.high[k] else _FIRST)
-    settled = np.isfinite(std)
-    free, axes = np.array([k for k, _ in axes], int), [axis for _, axis in axes]
-    if len(free):
-        slopes = np.array([axis.slope for axis in axes]).T  # (M, F)
-        H = _hessian(scores, x, middle, free, axes)
-        way = _least_in_box(
-            slopes.mean(axis=0),
-            H,
-            np.maximum(scores.low[free] - x[free], -steps[free]),
-            np.minimum(scores.high[free] - x[free], steps[free]),
-        )
-        for share in (1.0, 0.5):
-            closer = x.copy()
-            closer[free] += share * way
-            found = scores.at(closer)
-            if found.mean() < middle.mean():
-                x, middle = closer, found
-                break
-        spread = np.atleast_2d(np.cov(slopes.T)) / len(slopes)
-        std[free] = np.sqrt(np.diagonal(np.linalg.solve(H, np.linalg.solve(H, spread).T)))
-        for k in free:
-            std[k] = max(std[k], _as_far_as_likely(scores, x, middle, k, std[k]))
-        settled[free] = [
-            abs(by) < steps[k] * (1.0 - 1e-9) and std[k] < 2.0 * steps[k]
-            for by, k in zip(way, free, strict=True)
-        ]
-    return Estimate(
-        scores.values(x),
-        {one.name: _std_of(one, x[k], std[k]) for k, one in enumerate(adjusted)},
-        {one.name: bool(settled[k]) for k, one in enumerate(adjusted)},
+    x = np.clip(x, posterior.low, posterior.high)
+    middle = posterior.at(x)
+    axes = [_axis(posterior, x, middle, k) for k in range(len(x))]
+    alone = np.array([_std_alone(posterior, axis) for axis in axes])
+    H = _hessian(posterior, x, middle, axes, alone)
+    slopes = np.array([axis.slope for axis in axes]).T  # (M, K)
+    steps = np.array([abs(axis.step) for axis in axes])
+    way = _least_in_box(
+        slopes.mean(axis=0), H, np.maximum(posterior.low - x, -steps), np.minimum(posterior.high - x, steps)
     )
+    for share in (1.0, 0.5):
+        closer = x + share * way
+        found = posterior.at(closer)
+        if found.mean() < middle.mean():
+            x, middle = closer, found
+            break
+    # a prior's median errs by its standard deviation, 1: so does the slope of the penalty by its curvature
+    prior = posterior.curvature * np.eye(len(x))
+    spread = _spread(slopes, H - prior) / len(slopes) + prior @ prior
+    inverse = np.linalg.inv(H)
+    stds = np.sqrt(np.diagonal(inverse @ spread @ inverse))
+    for k in np.flatnonzero(stds < _NARROWER):
+        stds[k] = max(stds[k], _as_far_as_likely(posterior, x, middle, k, stds[k]))
+    stds = np.minimum(stds, 1.0)
+    return Estimate(x, stds, stds < _NARROWER)
 
 
-def _steps_of_differences(scores, x):
-    """Return values at which the score is less, axis by axis, and the steps of differences: each (K,)."""
-    middle, steps = scores.at(x), np.full(len(x), _FIRST)
-    for k in range(len(x)):
-        for _ in range(_LOOKS):
-            axis = scores.along(x, middle, k, steps[k])
-            x, middle = _closer(scores, x, middle, k, axis)
-            if scores.at_bound(x)[k]:
-                break
-            if axis.certainty < _SURE and steps[k] < _LARGEST:
-                steps[k] *= 3.0
-            elif axis.certainty >= _SURE and steps[k] > _WIDE * axis.std:
-                steps[k] = 0.5 * _WIDE * axis.std
-            else:
-                break
-    return x, steps
+def _axis(posterior, x, middle, k) -> _Axis:
+    """Differences along coordinate k over a step that is wide enough, and not too wide."""
+    step = _FIRST
+    for _ in range(_LOOKS):
+        axis = _along(posterior, x, middle, k, step)
+        certainty = float(axis.curvature.mean()) / max(_standard_error(axis.curvature), 1e-300)
+        alone = _std_alone(posterior, axis)
+        if certainty < _SURE and step < _LARGEST:
+            step = min(2.0 * step, _LARGEST)
+        elif certainty >= _SURE and step > _WIDE * alone:
+            step = 0.5 * _WIDE * alone
+        else:
+            break
+    return axis
 
 
-def _closer(scores, x, middle, k, axis):
-    """Where the parabola along coordinate k is least, if the score is less there; or beside the middle."""
-    curvature = axis.curvature.mean()
-    by = math.copysign(abs(axis.step), -axis.slope.mean())
-    if curvature > 0.0:
-        by = float(np.clip(-axis.slope.mean() / curvature, -2.0 * abs(axis.step), 2.0 * abs(axis.step)))
-    moved = scores.moved(x, k, by)
-    if abs(moved[k] - x[k]) < 0.5 * min(axis.std, abs(axis.step)):
-        return x, middle
-    found = scores.at(moved)
-    return (moved, found) if found.mean() < middle.mean() else (x, middle)
+def _along(posterior, x, middle, k, step) -> _Axis:
+    """Differences along coordinate k; on one side where a bound is on the other."""
+    a, b = step, -step
+    room = posterior.high[k] - x[k], x[k] - posterior.low[k]
+    if min(room) < step:
+        a = min(step, 0.5 * max(room)) * (1.0 if room[0] > room[1] else -1.0)
+        b = 2.0 * a
+    first, second = posterior.at(posterior.moved(x, k, a)), posterior.at(posterior.moved(x, k, b))
+    slope = ((first - middle) * b * b - (second - middle) * a * a) / (a * b * (b - a))
+    curvature = 2.0 * ((second - middle) * a - (first - middle) * b) / (a * b * (b - a))
+    return _Axis(a, first, slope, curvature)
 
 
-def _without_needless_spreads(scores, adjusted, x, middle):
-    """Standard deviations that are 0 unless the score is larger there by a standard error."""
-    for k, one in enumerate(adjusted):
-        if one.spread and x[k] > scores.low[k]:
-            without = x.copy()
-            without[k] = scores.low[k]
-            found = scores.at(without)
-            if (found - middle).mean() < _standard_error(found - middle):
-                x, middle = without, found
-    return x, middle
+def _curvature(posterior, axis):
+    """Of the mean score: at least that of the penalty."""
+    return max(float(axis.curvature.mean()), posterior.curvature)
 
 
-def _reach(scores, x, middle, k, by):
-    """How far from a value the score is larger by a standard error; infinite if it is nowhere.
-
-    It is looked at ``by`` from the value at first; the sign says on which side.
-    """
-    last, before = 0.0, 0.0
-    farthest = min(_FARTHEST, scores.high[k] - x[k] if by > 0.0 else x[k] - scores.low[k])
-    while last < farthest:
-        far = min(abs(by), farthest)
-        differences = scores.at(scores.moved(x, k, math.copysign(far, by))) - middle
-        certainty = float(differences.mean()) / max(_standard_error(differences), 1e-300)
-        if certainty >= 1.0:
-            return last + (far - last) * (1.0 - before) / (certainty - before)
-        last, before, by = far, max(certainty, 0.0), 2.0 * by
-    return math.inf
+def _std_alone(posterior, axis):
+    """Standard deviation of a value, were the others known."""
+    curvature = _curvature(posterior, axis)
+    spread = _spread(axis.slope[:, None], curvature - posterior.curvature) / len(axis.slope)
+    return math.sqrt(float(spread[0, 0]) + posterior.curvature**2) / curvature
 
 
-def _as_far_as_likely(scores, x, middle, k, std):
-    """Standard deviation of a value by the score on both sides of it, which need not be alike.
-
-    Of a quadratic score it is ``std``: two standard deviations away, the score is larger by one standard
-    error of the difference.
-    """
-    both = np.array([_reach(scores, x, middle, k, side * 2.0 * std) for side in (1.0, -1.0)])
-    both = both[np.isfinite(both)]
-    return 0.5 * math.sqrt(np.mean(both**2)) if len(both) else std
-
-
-def _hessian(scores, x, middle, free, axes):
-    """(F, F): second derivatives of the mean score by the ``free`` values, made positive definite."""
-    H = np.diag([axis.curvature.mean() for axis in axes])
-    size = np.sqrt(np.maximum(np.diagonal(H), _FLAT))
+def _hessian(posterior, x, middle, axes, alone):
+    """(K, K): second derivatives of the mean score, positive definite; mixed ones of determined values."""
+    H = np.diag([_curvature(posterior, axis) for axis in axes])
+    size = np.sqrt(np.diagonal(H))
     for i, one in enumerate(axes):
         for j, other in enumerate(axes[:i]):
-            both = scores.moved(scores.moved(x, free[i], one.step), free[j], other.step)
-            mixed = scores.at(both) - one.beside - other.beside + middle
-            H[i, j] = H[j, i] = mixed.mean() / (one.step * other.step)
+            if max(alone[i], alone[j]) < _NARROWER:
+                both = posterior.moved(posterior.moved(x, i, one.step), j, other.step)
+                mixed = posterior.at(both) - one.beside - other.beside + middle
+                H[i, j] = H[j, i] = mixed.mean() / (one.step * other.step)
     C = np.clip(H / np.outer(size, size), -1.0, 1.0)
     np.fill_diagonal(C, 1.0)
     values, vectors = np.linalg.eigh(C)
     return (vectors * np.maximum(values, _LEAST_CURVATURE)) @ vectors.T * np.outer(size, size)
 
 
+def _spread(slopes, hessian):
+    """Covariance of the slopes (M, K) of motions; of few, between theirs and that of a log likelihood."""
+    count, own = len(slopes), slopes - slopes.mean(axis=0)
+    return (own.T @ own + _LIKE_LIKELIHOOD * PRIOR_WEIGHT * hessian) / (count - 1 + _LIKE_LIKELIHOOD)
+
+
+def _as_far_as_likely(posterior, x, middle, k, std):
+    """Standard deviation of a value by the score on both sides of it, which need not be alike.
+
+    Of a quadratic score it is ``std``: two standard deviations away, the score is larger by one standard
+    error of the difference.
+    """
+    both = np.array([_reach(posterior, x, middle, k, side * 2.0 * std) for side in (1.0, -1.0)])
+    return 0.5 * math.sqrt(np.mean(both**2))
+
+
+def _reach(posterior, x, middle, k, by):
+    """How far from a value the score is larger by a standard error, looked at ``by`` from it at first."""
+    last, before = 0.0, 0.0
+    farthest = min(2.0, posterior.high[k] - x[k] if by > 0.0 else x[k] - posterior.low[k])
+    while last < farthest:
+        far = min(abs(by), farthest)
+        differences = posterior.at(posterior.moved(x, k, math.copysign(far, by))) - middle
+        certainty = float(differences.mean()) / max(_standard_error(differences), 1e-300)
+        if certainty >= 1.0:
+            return last + (far - last) * (1.0 - before) / (certainty - before)
+        last, before, by = far, max(certainty, 0.0), 2.0 * by
+    return farthest
+
+
 def _standard_error(values):
     """Of the mean of (M,)."""
     return float(np.std(values, ddof=1) / math.sqrt(len(values))) if len(values) > 1 else math.inf
-
-
-def _std_of(one, scaled, std):
-    """The standard deviation of a value, from that of the scaled value."""
-    value = one.step * std * (one.unscaled(scaled) if one.relative else 1.0)
-    return float(min(value, one.high - one.low))
 
 
 def _least_in_box(slope, hessian, low, high):

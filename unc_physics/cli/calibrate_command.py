@@ -39,9 +39,9 @@ def add_calibrate_command(commands) -> None:
         nargs="+",
         metavar="NAME",
         help=(
-            "what to fit, of: friction, restitution, inertia, height, impact_direction_std, impact_point_std,"
-            " impact_friction_std, surface_tilt_std, position_noise, rotation_noise (these by default),"
-            " friction_std"
+            "what to fit, of: friction, restitution, impact_friction_speed, inertia, height,"
+            " impact_direction_std, impact_point_std, impact_friction_std, friction_std, restitution_std,"
+            " surface_tilt_std, position_noise, rotation_noise (default: all)"
         ),
     )
     parser.add_argument(
@@ -52,7 +52,12 @@ def add_calibrate_command(commands) -> None:
         help="times after the start at which predictions are scored, beside the end [s]"
         " (default 0.1 0.2 0.4)",
     )
-    parser.add_argument("--samples", type=int, metavar="N", help="samples of each prediction (default 32)")
+    parser.add_argument(
+        "--samples",
+        type=int,
+        metavar="N",
+        help="samples of each prediction (default: 24 of 30 motions, more of fewer)",
+    )
     parser.add_argument(
         "--evaluations", type=int, metavar="N", help="models that the search tries (default 80)"
     )
@@ -76,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ..calibration.calibrate import EVALUATIONS, calibrate
     from ..calibration.flight import moving_body
     from ..calibration.motions import read_motions
-    from ..calibration.objective import SAMPLES, TIMES
+    from ..calibration.objective import TIMES
     from ..calibration.snippet import as_scene_file, as_table
     from ..scene.scene_file import load_scene
 
@@ -98,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
             scene,
             arguments.fit or DEFAULT,
             times=arguments.times or TIMES,
-            samples=SAMPLES if arguments.samples is None else arguments.samples,
+            samples=arguments.samples,
             evaluations=evaluations,
             seed=arguments.seed,
             progress=progress,

@@ -1,0 +1,77 @@
+"""The penalised score of a model: proper scores of motions, and how far its values are from their priors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..checks.errors import UncPhysicsError
+from .adjustable import Adjustable, Model, with_values
+from .objective import Objective
+
+#: By how much the score of one motion must be better for a value that is one standard deviation of its prior
+#: off: half of it.
+PRIOR_WEIGHT = 0.5
+_FAILED = 1e3  # score of a model that cannot be simulated
+
+
+class Posterior:
+    """Penalised scores of motions as functions of values in standard deviations of their priors.
+
+    Parameters
+    ----------
+    objective : Objective
+    model : Model
+        Its values are the medians of the priors.
+    adjusted : sequence of Adjustable
+    tell : callable
+        Takes the mean score of each model that is tried.
+    motions : int, optional
+        Number of all motions, among which the penalty is shared; by default those of the objective.
+
+    Attributes
+    ----------
+    low, high, median : (K,) arrays
+        Bounds, and medians of the priors.
+    curvature : float
+        Second derivative of the penalty in a motion's score, by each value.
+    """
+
+    def __init__(
+        self,
+        objective: Objective,
+        model: Model,
+        adjusted: Sequence[Adjustable],
+        tell: Callable[[float], object] = lambda score: None,
+        motions: int | None = None,
+    ):
+        self.objective, self.model, self.adjusted, self._tell = objective, model, list(adjusted), tell
+        self.low = np.array([one.scaled(one.low) for one in adjusted])
+        self.high = np.array([one.scaled(one.high) for one in adjusted])
+        self.median = np.array([one.scaled(one.prior_median(model)) for one in adjusted])
+        self.curvature = PRIOR_WEIGHT / (motions or len(objective.recorded))
+
+    def values(self, x: np.ndarray) -> dict[str, float]:
+        """The values of scaled ones (K,), by their names."""
+        return {one.name: one.unscaled(float(u)) for one, u in zip(self.adjusted, x, strict=True)}
+
+    def with_values(self, x: np.ndarray) -> Model:
+        """The model with scaled values (K,)."""
+        return with_values(self.model, self.adjusted, self.values(x))
+
+    def at(self, x: np.ndarray) -> np.ndarray:
+        """(M,): the penalised score of each motion at scaled values (K,)."""
+        try:
+            found = self.objective.per_motion(self.with_values(x))
+        except UncPhysicsError:  # such as a diverging simulation
+            found = np.full(len(self.objective.recorded), _FAILED)
+        found = found + 0.5 * self.curvature * np.sum((x - self.median) ** 2)
+        self._tell(float(found.mean()))
+        return found
+
+    def moved(self, x: np.ndarray, k: int, by: float) -> np.ndarray:
+        """Scaled values (K,) with one changed, within its bounds."""
+        moved = x.copy()
+        moved[k] = np.clip(moved[k] + by, self.low[k], self.high[k])
+        return moved
