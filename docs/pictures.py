@@ -121,7 +121,7 @@ def pictures() -> dict[str, Picture]:
         "evaluation/speed_against_error_cpu_time.png": experiment(
             "speed_against_error", "speed_against_error_cpu_time"
         ),
-        "evaluation/tosses_reliability.png": experiment("tosses", "tosses_reliability", "toss_plots"),
+        "evaluation/reality.png": experiment("reality", "reality", "reality_report"),
         "evaluation/work_precision.png": experiment("engines", "work_precision"),
     }
 

@@ -50,6 +50,11 @@ def add_evaluate_command(commands) -> None:
         help="folder of the meshes that packing needs: bunny00.off and armadillo.off",
     )
     parser.add_argument(
+        "--data",
+        metavar="DIR",
+        help="folder of recorded motions that reality predicts, in place of those of this package",
+    )
+    parser.add_argument(
         "--report", action="store_true", help="run nothing, write the report from the rows that are there"
     )
     parser.set_defaults(run=run)
@@ -74,7 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise NotSupportedError(f"evaluate needs {' and '.join(lacks)}: pip install {' '.join(lacks)}")
     chosen = [experiment(name) for name in dict.fromkeys(arguments.experiments or DEFAULT)]
     meshes = arguments.meshes and str(Path(arguments.meshes).resolve())
-    settings = Settings(arguments.quick, arguments.seed, meshes)
+    data = arguments.data and str(Path(arguments.data).resolve())
+    settings = Settings(arguments.quick, arguments.seed, meshes, data)
     jobs = [job for module in chosen for job in module.jobs(settings)]
     gaps = [gap for module in chosen if hasattr(module, "missing") for gap in module.missing(settings)]
     gaps = list(dict.fromkeys(gaps))

@@ -88,11 +88,14 @@ class Settings:
         A sweep with another one is independent.
     meshes : str, optional
         Folder of the meshes that are no part of the repository.
+    data : str, optional
+        Folder of recorded motions, in place of the package's (`recorded_sets`).
     """
 
     quick: bool = False
     seed: int = 0
     meshes: str | None = None
+    data: str | None = None
 
     def parameters(self, **parameters) -> dict:
         """A job's parameters, those that all jobs share included."""

@@ -11,7 +11,7 @@ from unc_physics.propagators.registry import PROPAGATORS, make_propagator
 
 from .jobs import Job
 
-FLOOR, GAUSSIAN, MARGINAL = "floor", "gaussian", "marginal"
+FLOOR, GAUSSIAN, MARGINAL, STILL = "floor", "gaussian", "marginal", "still"
 OURS = "ours"
 #: Propagators with other options than their own: the paper's sigma points go in all directions.
 VARIANTS = {"sigma_points_full": ("sigma_points", {"points": "full"})}
@@ -43,6 +43,7 @@ LOOKS = {name: Look(name.replace("_", " "), _OTHER_COLOR, _OTHER_MARKER) for nam
     GAUSSIAN: Look("best Gaussian", "#D55E00", line="--"),
     FLOOR: Look("floor", "#999999", line=":"),
     MARGINAL: Look("outcomes of others", "#E69F00", line=":"),
+    STILL: Look("stays where it is", "#999999", line=":"),
     OURS: _MONTE_CARLO._replace(label="unc_physics"),
     "pybullet": Look("PyBullet", "#8C6D31", "P"),
     "mujoco": Look("MuJoCo", "#7F3C8D", "X"),

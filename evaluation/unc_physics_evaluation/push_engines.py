@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from .action_engine_base import Settings, Shape
 from .action_engines import opened
-from .recorded_pushes import EDGE, FOOT, HEIGHT, edges, feet_of, planar, push_scene, recorded_pushes
+from .recorded_pushes import EDGE, FOOT, HEIGHT, Push, edges, feet_of, planar, recorded_pushes
 
 
 def block_shapes(support: int) -> list[Shape]:
@@ -25,10 +25,8 @@ def block_shapes(support: int) -> list[Shape]:
     return shapes + [Shape("sphere", (FOOT,), np.array([*foot, low + FOOT])) for foot in feet]
 
 
-def pushed_in(engine: str, settings: Settings, k: int) -> tuple[np.ndarray, float]:
-    """(3,): where an engine says that push ``k`` takes the block, as `planar`; and CPU time [s]."""
-    push = push_scene(k, uncertain=False)
-    shapes = {"block": block_shapes(int(recorded_pushes().support[k]))}
+def pushed_in(engine: str, settings: Settings, push: Push, support: int) -> np.ndarray:
+    """(3,): where an engine says that a push takes the block, on some of its feet, as `planar`."""
+    shapes = {"block": block_shapes(support)}
     with opened(engine, push.scene, settings, shapes) as made:
-        end, spent = made.run(push.belief.mean, push.horizon)
-    return planar(end[0]), spent
+        return planar(made.run(push.belief.mean, push.horizon)[0][0])

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,14 +15,13 @@ from unc_physics.scene.actions import PosePath
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
-from unc_physics.scene.scene import Scene
+from unc_physics.scene.scene import IMPACT_STDS, Scene
 from unc_physics.spatial.layout import POSITION, QUATERNION, STATE
 
 FOLDER = Path(__file__).parent / "data" / "pushes"
 KINDS = ("point", "two_point_translation", "two_point_rotation")
 PATCH = 4  # the support by the whole face
 DT = 1.0 / 120.0  # s
-_GRAVITY = 9.81  # m/s^2
 _TIP, EDGE, _SPACING, FOOT = 1.5e-4, 3e-3, 1.5e-4, 3e-3  # m: radii of tips, edges and feet; between spheres
 HEIGHT = 0.0125  # m, of the tips above the block's underside
 _STIFFNESS = 1e11  # N/m^3: at which a tip sinks in by 0.02 mm
@@ -30,7 +29,10 @@ _STIFFNESS = 1e11  # N/m^3: at which a tip sinks in by 0.02 mm
 TIPS = np.zeros((1, 3)), np.array([[0.0, -0.025, 0.0], [0.0, 0.025, 0.0]])
 #: What is not known of the pushes: standard deviations of both frictions, of where the load is, as feet rub
 #: unlike each other [m], and of the pusher's frame [m].
-_TABLE_STD, _PUSHER_STD, _LOAD_STD, _FRAME_STD = (0.02, 0.03), 0.1, 4e-3, 5e-4
+_TABLE_STD, _LOAD_STD, _FRAME_STD = (0.02, 0.03), 4e-3, 5e-4
+#: Friction of one tip, and of two, as the forces along them show in pushes that slide: mean and standard
+#: deviation of each.
+_TIP_FRICTION = (0.55, 0.1), (0.34, 0.05)
 #: By how much pushes of the same command end apart: standard deviations of a place [m] and of the yaw [rad].
 REPEATS_STD = 8.4e-4, 8.4e-4, math.radians(1.3)
 
@@ -53,7 +55,6 @@ class Pushes(NamedTuple):
         [m], [kg]
     table_friction : (2,) array
         Of each surface.
-    pusher_friction : float
     """
 
     kind: np.ndarray
@@ -68,13 +69,12 @@ class Pushes(NamedTuple):
     height: float
     mass: float
     table_friction: np.ndarray
-    pusher_friction: float
 
 
 @cache
-def recorded_pushes() -> Pushes:
-    """The pushes of the package's data, with the correction of the tip that the README beside them gives."""
-    with np.load(FOLDER / "pushes.npz") as file:
+def recorded_pushes(folder: Path = FOLDER) -> Pushes:
+    """The pushes of a folder, with the correction of the tip that the README of the package's data gives."""
+    with np.load(folder / "pushes.npz") as file:
         data = {name: file[name] for name in file.files}
     shift = data["pusher_tip_correction_point"]
     paths = []
@@ -101,7 +101,6 @@ def recorded_pushes() -> Pushes:
         float(data["object_height"]),
         float(data["object_mass"]),
         data["friction_surface_estimate"],
-        float(data["friction_pusher_estimate"]),
     )
 
 
@@ -217,6 +216,22 @@ def pusher(tips: int) -> SpherePacking:
     )
 
 
+class Frictions(NamedTuple):
+    """Frictions of a push: of the table and of the tips, and their standard deviations."""
+
+    table: float
+    tip: float
+    table_std: float = 0.0
+    tip_std: float = 0.0
+
+
+def measured_frictions(k: int, folder: Path = FOLDER) -> Frictions:
+    """Frictions of push ``k``, as its forces show."""
+    pushes = recorded_pushes(folder)
+    surface, tip = int(pushes.surface[k]), _TIP_FRICTION[min(pushes.kind[k], 1)]
+    return Frictions(float(pushes.table_friction[surface]), tip[0], _TABLE_STD[surface], tip[1])
+
+
 @dataclass(frozen=True)
 class Push:
     """A push as a scene, the belief about it, and how long it takes [s]."""
@@ -226,52 +241,67 @@ class Push:
     horizon: float
 
 
-def push_scene(k: int, uncertain: bool = True, tip_friction: tuple[float, float] | None = None) -> Push:
-    """Push ``k``, with what is not known of it, or without.
+def push_scene(
+    k: int, frictions: Frictions | None, load_std: float = 0.0, frame_std: float = 0.0, folder: Path = FOLDER
+) -> Push:
+    """Push ``k``.
 
     Parameters
     ----------
     k : int
-    uncertain : bool
-    tip_friction : (float, float), optional
-        Friction of the tips and its standard deviation, in place of the README's.
+    frictions : Frictions or None
+        None stands for those of everyday objects.
+    load_std, frame_std : float
+        Standard deviations of the place of the load and of the pusher [m].
+    folder : Path
+        Of the pushes.
     """
-    pushes = recorded_pushes()
-    path, surface = pushes.paths[k], int(pushes.surface[k])
-    model = block(int(pushes.support[k]))
+    pushes = recorded_pushes(folder)
+    path = pushes.paths[k]
     times = path[:, 0] - path[0, 0]
     poses = np.column_stack([path[:, 1:3], np.full(len(path), HEIGHT)])
     yaw = 0.5 * path[:, 3]
     turned = np.column_stack([np.zeros((len(path), 2)), np.sin(yaw), np.cos(yaw)])
-    table = float(pushes.table_friction[surface])
-    tip, tip_std = tip_friction or (pushes.pusher_friction, _PUSHER_STD)
-    # a contact has the geometric mean of its partners' frictions; the block's is 1
-    stds = (_TABLE_STD[surface], tip_std, _LOAD_STD, _FRAME_STD) if uncertain else (0.0,) * 4
+    block_surface: dict[str, Any] = {}
+    tip_surface: dict[str, Any] = {}
+    table_surface: dict[str, Any] = {}
+    physics: dict[str, Any] = {}
+    if frictions is not None:
+        # a contact has the geometric mean of its partners' frictions; the block's is 1
+        table, tip, table_std, tip_std = frictions
+        block_surface = {"friction": 1.0}
+        tip_surface = {"friction": tip**2, "friction_std": 2.0 * tip * tip_std}
+        table_surface = {"friction": table**2, "friction_std": 2.0 * table * table_std}
+        physics = dict.fromkeys(("friction", "restitution", "impact_friction_speed"))
+        physics |= dict.fromkeys(IMPACT_STDS, 0.0)
+    model = block(int(pushes.support[k]))
     bodies = [
-        RigidBody("block", model, pushes.mass, friction=1.0, center_of_mass_std=(stds[2], stds[2], 0.0)),
+        RigidBody("block", model, pushes.mass, center_of_mass_std=(load_std, load_std, 0.0), **block_surface),
         RigidBody(
             "pusher",
             pusher(1 if pushes.kind[k] == 0 else 2),
             trajectory=PosePath(times=times, positions=poses, orientations=turned),
-            trajectory_std=(stds[3], stds[3], 0.0, 0.0, 0.0, 0.0),
-            friction=tip**2,
-            friction_std=2.0 * tip * stds[1],
+            trajectory_std=(frame_std, frame_std, 0.0, 0.0, 0.0, 0.0),
+            **tip_surface,
         ),
     ]
-    scene = Scene(
+    scene = Scene.everyday(
         bodies,
         dt=DT,
-        gravity=(0.0, 0.0, -_GRAVITY),
-        environment=[Plane(name="table", friction=table**2, friction_std=2.0 * table * stds[0])],
-        gyroscopic=True,
-        integrator="implicit",
+        environment=[Plane(name="table", **table_surface)],
         stiffness=_STIFFNESS,
         overlap="keep",
+        **physics,
     )
     mean = np.zeros((2, STATE))
     mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
     mean[0] = _state(pushes.before[k], pushes)
     return Push(scene, Belief.exact(mean, scene.moving), float(times[-1]) + 0.1)
+
+
+def uncertain_push(k: int, folder: Path = FOLDER) -> Push:
+    """Push ``k`` with measured frictions, and what is not known of them, of the load and of the pusher."""
+    return push_scene(k, measured_frictions(k, folder), _LOAD_STD, _FRAME_STD, folder)
 
 
 def _state(planar, pushes):
@@ -295,11 +325,13 @@ def planar(states: np.ndarray) -> np.ndarray:
     return np.concatenate([states[..., :2], yaw[..., None]], axis=-1)
 
 
-def planar_before(k: int) -> np.ndarray:
+def planar_before(k: int, folder: Path = FOLDER) -> np.ndarray:
     """(3,): where the block was before push ``k``, as `planar`."""
-    return planar(_state(recorded_pushes().before[k], recorded_pushes()))
+    pushes = recorded_pushes(folder)
+    return planar(_state(pushes.before[k], pushes))
 
 
-def seen(k: int) -> np.ndarray:
+def seen(k: int, folder: Path = FOLDER) -> np.ndarray:
     """(3,): where the block was after push ``k``, as `planar`."""
-    return planar(_state(recorded_pushes().after[k], recorded_pushes()))
+    pushes = recorded_pushes(folder)
+    return planar(_state(pushes.after[k], pushes))

@@ -25,7 +25,6 @@ FRICTION, RESTITUTION = 0.18, 0.125  # as the authors of the recordings give the
 FLOOR = -0.0018  # m, where the lowest corners rest
 GRAVITY = 9.81  # m/s^2
 STEPS_A_FRAME = 2
-FACES = 6
 _HEADING_FRAMES = 5
 CORNER_RADIUS = 1e-4  # m, of a cube whose corners are sharp
 
@@ -87,9 +86,9 @@ class Tosses(NamedTuple):
 
 
 @cache
-def recorded_tosses() -> Tosses:
-    """The tosses of the package's data; ``README.md`` beside them says where they come from."""
-    with np.load(FOLDER / "tosses.npz") as file:
+def recorded_tosses(folder: Path = FOLDER) -> Tosses:
+    """The tosses of a folder; ``README.md`` beside those of the package says where they come from."""
+    with np.load(folder / "tosses.npz") as file:
         states = np.split(file["states"].astype(float), file["offsets"][1:-1])
         return Tosses(tuple(states), float(file["dt"]), float(file["half_width"]), float(file["mass"]))
 
@@ -114,10 +113,3 @@ def toss_scene(tosses: Tosses, **changes) -> Scene:
         "integrator": "implicit",
     }
     return with_stiffness(Scene(**(given | changes)), tosses.states[0][:1])
-
-
-def top_face(states: np.ndarray) -> np.ndarray:
-    """Face on top, of states (..., 13): 0 to 2 where the body's axis x, y, z points up, 3 to 5 where down."""
-    x, y, z, w = np.moveaxis(np.asarray(states)[..., QUATERNION], -1, 0)
-    up = np.stack([2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
-    return np.argmax(np.concatenate([up, -up], axis=-1), axis=-1)

@@ -5,18 +5,21 @@ import math
 import numpy as np
 import pytest
 
-from unc_physics_evaluation.experiments import pushes as experiment
-from unc_physics_evaluation.jobs import Job, Settings
+from unc_physics_evaluation.methods import MARGINAL, STILL
+from unc_physics_evaluation.push_predictions import push_outcomes, push_predictions
 from unc_physics_evaluation.recorded_pushes import (
+    FOLDER,
     PATCH,
     block,
     feet_of,
+    measured_frictions,
     planar,
+    planar_before,
     push_scene,
     recorded_pushes,
     seen,
+    uncertain_push,
 )
-from unc_physics_evaluation.results import Results
 
 
 def test_the_data_are_pushes():
@@ -40,26 +43,31 @@ def test_the_block_is_the_documented_one():
     np.testing.assert_allclose(feet_of(PATCH).mean(axis=0), pushes.com, atol=1e-6)
 
 
-def test_an_experiment_predicts_pushes(tmp_path):
-    results = Results(tmp_path)
-    for by in ("ours", experiment.LIMIT_SURFACE):
-        parameters = {"by": by, "kind": "point", "first": 0, "last": 2, "of": 2, "samples_each": 8}
-        job = Job("pushes", Settings().parameters(**parameters))
-        results.add(job, experiment.run(job), {"versions": "", "machine": ""})
-    rows = results.rows("pushes")
-    errors = rows.where(method=experiment.NOMINAL, quantity=experiment.POSITION).values()
-    stays = rows.where(method=experiment.STAYS, quantity=experiment.POSITION).values()
-    assert (errors < 0.5 * stays).all() and (errors < 5e-3).all()
-    report = experiment.report(results)
-    for title in ("one rollout", "ellipsoidal limit surface"):
-        assert f"| point, 2 | {title} |" in report
-    assert len(experiment.jobs(Settings())) > len(experiment.jobs(Settings(quick=True)))
+@pytest.mark.parametrize("kind, tip", [(0, 0.55), (2, 0.34)])
+def test_frictions_of_a_push_are_those_of_its_contacts(kind, tip):
+    """Contacts have geometric means: the tip on the block and the block on the table as measured."""
+    k = int(np.flatnonzero(recorded_pushes().kind == kind)[0])
+    found = measured_frictions(k)
+    block_, pusher, table = uncertain_push(k).scene.materials.friction
+    assert math.sqrt(block_ * pusher) == pytest.approx(found.tip) == pytest.approx(tip)
+    assert math.sqrt(block_ * table) == pytest.approx(found.table)
+    assert 0.25 < found.table < 0.4
+
+
+def test_predictions_are_states_of_what_planar_reads():
+    k = int(np.flatnonzero(recorded_pushes().kind == 2)[0])
+    (pose,) = push_outcomes(FOLDER, [k])
+    state = np.concatenate([pose[:3], np.zeros(3), pose[3:], np.zeros(3)])
+    np.testing.assert_allclose(planar(state), seen(k))
+    (without,) = push_predictions(FOLDER, [k], [k, k + 1, k + 2], MARGINAL, False, 0)
+    assert without[MARGINAL].shape == (2, 13)
+    np.testing.assert_allclose(planar(without[STILL]), planar_before(k)[None])
 
 
 def test_a_pusher_ends_at_the_edge():
     """The tip is where the block is, when the push ends: at its edge, to the calibration's errors."""
     k = int(np.flatnonzero(recorded_pushes().kind == 0)[0])
-    push = push_scene(k, uncertain=False)
+    push = push_scene(k, measured_frictions(k))
     path = push.scene.bodies[1].trajectory
     x, y, theta = seen(k)
     c, s = math.cos(theta), math.sin(theta)

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from unc_physics import PROPAGATORS, Belief, Plane
+from unc_physics import Belief, Plane
 from unc_physics.calibration.flight import flight_frames
-from unc_physics.calibration.objective import recorded
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics_evaluation.engines import PEERS
-from unc_physics_evaluation.experiments import tosses as experiment
-from unc_physics_evaluation.jobs import Settings
+from unc_physics_evaluation.recorded_engines import RecordedEngine
 from unc_physics_evaluation.recorded_tosses import (
     FLOOR,
     FOLDER,
@@ -23,14 +21,9 @@ from unc_physics_evaluation.recorded_tosses import (
     top_face,
     toss_scene,
 )
-from unc_physics_evaluation.results import Results
 from unc_physics_evaluation.rollouts import ENGINES, OURS
 from unc_physics_evaluation.rollouts import rollouts as rollouts_in
 from unc_physics_evaluation.scores import bootstrap, brier_score
-from unc_physics_evaluation.toss_engines import TossEngine
-from unc_physics_evaluation.toss_marginal import marginal_predictions
-from unc_physics_evaluation.toss_methods import toss_methods
-from unc_physics_evaluation.toss_models import tuned_parameters, untuned
 
 TOSSES = recorded_tosses()
 DT = toss_scene(TOSSES).dt
@@ -75,17 +68,6 @@ def test_velocities_are_those_of_the_positions():
         rotations = Rotation.from_quat(flight[:, QUATERNION])
         turned = rotations[1:] * rotations[:-1].inv()
         assert np.median(np.abs(turned.as_rotvec() / TOSSES.dt - flight[1:, ANGULAR_VELOCITY])) < 0.2
-
-
-def test_the_face_on_top():
-    for face in range(6):
-        axis = np.zeros(3)
-        axis[face % 3] = 1.0 if face < 3 else -1.0
-        turned = Rotation.align_vectors([[0.0, 0.0, 1.0]], [axis])[0]
-        state = np.zeros((4, 13))
-        for k, (about_up, tilt) in enumerate([(0.0, 0.0), (1.0, 0.0), (2.0, 0.3), (3.0, -0.3)]):
-            state[k, QUATERNION] = (Rotation.from_euler("xz", [tilt, about_up]) * turned).as_quat()
-        assert top_face(state).tolist() == [face] * 4
 
 
 def test_scores_of_certain_and_of_uniform_predictions():
@@ -187,28 +169,11 @@ def test_the_table_is_turned_to_the_horizontal():
     assert 3e-3 < level.magnitude() < 1e-2
 
 
-def test_what_is_tuned_is_what_the_cube_has():
-    """Every value that is put is got, and the cube rests as high as the tosses do."""
-    model = untuned(TOSSES)
-    some = range(40)
-    for one in tuned_parameters(TOSSES, some):
-        value = one.low + 0.4 * (one.high - one.low)
-        model = one.put(model, value)
-        assert one.get(model) == pytest.approx(value), one.name
-    body, table = model.scene.bodies[0], model.scene.environment[0]
-    assert table.offset + body.model.bounds[1, 2] == pytest.approx(TOSSES.rest_height(some))
-    assert body.model.radii[0] == pytest.approx(dict_of(model)["corner_radius"])
-
-
-def dict_of(model):
-    return {one.name: one.get(model) for one in tuned_parameters(TOSSES, range(40))}
-
-
 @pytest.mark.parametrize("name", PEERS)
 def test_errors_of_impacts_in_other_engines(name):
     """They spread what is otherwise certain, the same for the same seed, and add no energy."""
     pytest.importorskip(name)
-    engine = TossEngine(name)
+    engine = RecordedEngine(name)
     state = at_rest(0.05, velocity=[0.5, 0.0, -1.0], spin=[1.0, 2.0, 0.5])[0]
     belief = Belief.exact(state)
     scene = toss_scene(TOSSES)
@@ -231,7 +196,7 @@ def test_errors_of_impacts_in_other_engines(name):
 
 def test_spreads_of_friction_and_tilt_in_other_engines():
     pytest.importorskip("mujoco")
-    engine = TossEngine("mujoco")
+    engine = RecordedEngine("mujoco")
     table = Plane(offset=FLOOR, surface_tilt_std=0.02)
     scene = toss_scene(TOSSES, friction_std=0.03, environment=[table])
     ends = engine(scene, Belief.exact(at_rest(velocity=[1.0, 0.0, 0.0])[0]), [0.3], 30, 0)[0]
@@ -239,48 +204,3 @@ def test_spreads_of_friction_and_tilt_in_other_engines():
     # v t - 0.5 mu g t^2 with friction's spread, and across by gravity's tilt
     assert np.std(ends[:, 0]) == pytest.approx(0.5 * 0.09 * GRAVITY * np.hypot(0.03, 0.02), rel=0.4)
     assert np.std(ends[:, 1]) > 1e-3
-
-
-def test_methods_are_those_of_the_registry_that_take_the_scene():
-    scene = replace(toss_scene(TOSSES), impact_point_std=5e-3, friction_std=0.02)
-    found = toss_methods(scene, 8, 16)
-    able = {name for name, cls in PROPAGATORS.items() if "implicit" in cls.integrators}
-    assert {name for name, _ in found} == able
-    belief = Belief(at_rest(0.03)[0], 1e-6 * np.eye(12)[None])
-    for (name, samples), predict in found.items():
-        first, second = predict(scene, belief, [0.05, 0.1], samples or 8, 0)
-        assert first.shape[1:] == second.shape[1:] == (13,), name
-        assert np.isfinite(second).all()
-
-
-def test_outcomes_of_others_start_where_the_toss_does():
-    rec = recorded([TOSSES.motion(k) for k in range(6)], toss_scene(TOSSES))
-    (own,) = marginal_predictions(rec[:1], rec[:1])
-    for states, pose in zip(own, rec[0].poses, strict=True):
-        np.testing.assert_allclose(states[0, :3], pose[:3])
-        assert abs(states[0, 6:10] @ pose[3:]) == pytest.approx(1.0)
-
-
-def test_rows_and_report(tmp_path, monkeypatch):
-    """With what is quickest: few tosses, two engines, and hardly a search."""
-    small = {"tosses": 6, "folds": 2, "tuning_tosses": 2, "tuning_samples": 4, "evaluations": 10}
-    monkeypatch.setattr(experiment, "QUICK", small)
-    monkeypatch.setattr(experiment, "TRUTH", 20)
-    monkeypatch.setattr(experiment, "SAMPLES", 10)
-    monkeypatch.setattr(experiment, "available", lambda: [OURS, "mujoco"])
-    pytest.importorskip("mujoco")
-    results = Results(tmp_path)
-    jobs = experiment.jobs(Settings(quick=True))
-    assert len(jobs) == 8
-    for job in jobs:
-        outcome = experiment.run(job)
-        assert all(np.isfinite(row.value) for row in outcome.rows)
-        results.add(job, outcome, {"versions": "", "machine": ""})
-    rows = results.rows("tosses")
-    assert sorted(rows.where(engine="mujoco", quantity="face").unique("replicate")) == sorted(
-        rows.where(engine=OURS, given=experiment.ERRORS, quantity="face").unique("replicate")
-    )
-    report = experiment.report(results)
-    assert "MuJoCo, tuned" in report and "sigma points, tuned" in report
-    assert "goals met" in experiment.verdict(results)
-    assert results.figure("tosses_reliability").stat().st_size > 10_000

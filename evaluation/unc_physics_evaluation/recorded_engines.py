@@ -1,4 +1,4 @@
-"""The cube in other engines, with what ours has: uncertain friction, a tilted table, and errors of impacts.
+"""A thrown body in other engines, with uncertain friction, a tilted table, and errors of impacts, as in ours.
 
 Engines have no errors of impacts, so what a step's contacts gave to the momentum is changed after it: turned,
 made to act elsewhere, and its part along the table multiplied, by the laws of `physics.impact_error`; less,
@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
+from unc_physics.spatial.layout import QUATERNION
+from unc_physics.spatial.rotation import rotation_matrix
 
 from .engines import MuJoCoRollouts, PyBulletRollouts
 
@@ -24,7 +27,7 @@ _HALVINGS = 5  # of an error that would add energy
 
 
 class _PyBullet(PyBulletRollouts):
-    """One cube in PyBullet; what each step calls is looked up once."""
+    """One body in PyBullet; what each step calls is looked up once."""
 
     def __init__(self, scene, geometry):
         super().__init__(scene, geometry)
@@ -34,9 +37,11 @@ class _PyBullet(PyBulletRollouts):
         super().begin(state)
         self._client.setPhysicsEngineParameter(fixedTimeStep=self._scene.dt, numSubSteps=0)
 
-    def friction(self, value):
+    def material(self, friction, restitution):
         for handle in range(self._client.getNumBodies()):
-            self._client.changeDynamics(handle, -1, lateralFriction=math.sqrt(value))
+            self._client.changeDynamics(
+                handle, -1, lateralFriction=math.sqrt(friction), restitution=math.sqrt(restitution)
+            )
 
     def gravity(self, value):
         self._client.setGravity(*value)
@@ -58,6 +63,10 @@ class _PyBullet(PyBulletRollouts):
         """A vector of the world in the axes of `velocity`'s angular part."""
         return vector
 
+    def world_axes(self, vector):
+        """And back."""
+        return vector
+
     def set_velocity(self, six):
         self._client.resetBaseVelocity(self._handles[0], six[:3], six[3:])
 
@@ -71,20 +80,21 @@ class _PyBullet(PyBulletRollouts):
 
 
 class _MuJoCo(MuJoCoRollouts):
-    """One cube in MuJoCo; restitution is the damping of its contacts, as of a linear spring."""
+    """One body in MuJoCo; restitution is the damping of its contacts, as of a linear spring."""
 
     def __init__(self, scene, geometry):
         super().__init__(scene, geometry)
         self.set_restitution(scene.restitution or 0.0)
 
-    def friction(self, value):
-        self._model.geom_friction[:, 0] = value
+    def material(self, friction, restitution):
+        self._model.geom_friction[:, 0] = friction
+        self.set_restitution(restitution)
 
     def gravity(self, value):
         self._model.opt.gravity[:] = value
 
     def step(self):
-        self._mujoco.mj_step(self._model, self._data)
+        self._mujoco.mj_step(self._model, self._data, nstep=1)
         return self._data.ncon > 0
 
     def velocity(self):
@@ -97,6 +107,10 @@ class _MuJoCo(MuJoCoRollouts):
         w, *axis = self._data.qpos[3:7].tolist()
         return _turned(vector, [-value for value in axis], w)
 
+    def world_axes(self, vector):
+        w, *axis = self._data.qpos[3:7].tolist()
+        return _turned(vector, axis, w)
+
     def set_velocity(self, six):
         self._data.qvel[:] = six
 
@@ -106,8 +120,8 @@ class _MuJoCo(MuJoCoRollouts):
         return (depth @ self._data.contact.pos / depth.sum()).tolist() if depth.any() else None
 
 
-class TossEngine:
-    """Predicts tosses in another engine, as `calibration.objective.simulated` does in ours.
+class RecordedEngine:
+    """Predicts recorded motions in another engine, as `calibration.objective.simulated` does in ours.
 
     Parameters
     ----------
@@ -115,7 +129,7 @@ class TossEngine:
 
     Notes
     -----
-    The cube is the same eight spheres. Draws are seeded alike; those of starts are ours.
+    The body is the same spheres. Draws are seeded alike; those of starts are ours.
     """
 
     def __init__(self, name: str):
@@ -130,12 +144,15 @@ class TossEngine:
         starts = belief.sample(samples, np.random.default_rng(seed))
         marks = [round(time / scene.dt) for time in times]
         found = np.empty((len(marks), samples, 13))
-        friction, table = scene.friction or 0.0, scene.environment[0]
+        friction, restitution, table = scene.friction or 0.0, scene.restitution or 0.0, scene.environment[0]
         for n, start in enumerate(starts):
             rng = np.random.default_rng([seed, n, 2])
-            spread, *tilt = rng.standard_normal(3)
-            if scene.friction_std:
-                engine.friction(friction * math.exp(spread * scene.friction_std / friction))
+            spread, *tilt, bounce = rng.standard_normal(4)
+            if scene.friction_std or scene.restitution_std:
+                engine.material(
+                    friction * math.exp(spread * scene.friction_std / friction),
+                    min(max(restitution + bounce * scene.restitution_std, 0.0), 1.0),
+                )
             gravity = np.array(scene.gravity)  # SciPy takes none that is read-only
             if table.surface_tilt_std:  # to tilt gravity is the same but for where things lie by a sine
                 turn = [*(table.surface_tilt_std * np.array(tilt)), 0.0]
@@ -158,7 +175,7 @@ class TossEngine:
             self._engine.close()
         self._scene = self._engine = None
 
-    def _of(self, scene):
+    def _of(self, scene) -> Any:
         if self._scene is not scene:
             self.close()
             self._scene, self._engine = scene, self._make(scene, "spheres")
@@ -179,17 +196,19 @@ class TossEngine:
     def _changed(self, engine, scene, before, after, given, rng):
         """The velocities, six numbers, after an impact with an error; they are set.
 
-        ``before`` and ``after`` are those around the impact, ``given`` is what it added to the velocity. In
-        plain numbers: it is called some twenty times for each sample.
+        ``before`` and ``after`` are those around the impact, ``given`` is what it added to the velocity.
+        Mostly in plain numbers: it is called some twenty times for each sample.
         """
         point = engine.contact()
         if point is None:
             return after
         arm = [p - q for p, q in zip(point, engine.middle(), strict=True)]
-        inertia = scene.bodies[0].unit_inertia[0, 0]  # a cube's, the same in all axes
+        R = rotation_matrix(engine.state()[0, QUATERNION])
+        inertia = R @ scene.bodies[0].unit_inertia @ R.T
+        inverse = np.linalg.inv(inertia)
         x, y, z, u, v, f = rng.standard_normal(6).tolist()
         d, s = scene.impact_direction_std, scene.impact_point_std
-        energy = _energy(before, inertia)
+        energy = _energy(engine, before, inertia)
         was = _cross(arm, given)
         for k in range(_HALVINGS):
             part = 0.5**k
@@ -200,17 +219,18 @@ class TossEngine:
             factor = math.exp(part * scene.impact_friction_std * f)
             other = [factor * other[0], factor * other[1], other[2]]
             twist = _cross([arm[0] + part * s * u, arm[1] + part * s * v, arm[2]], other)
-            spun = engine.own_axes([(p - q) / inertia for p, q in zip(twist, was, strict=True)])
+            spun = engine.own_axes((inverse @ np.subtract(twist, was)).tolist())
             change = [*(p - q for p, q in zip(other, given, strict=True)), *spun]
             six = [p + q for p, q in zip(after, change, strict=True)]
-            if _energy(six, inertia) <= energy:
+            if _energy(engine, six, inertia) <= energy:
                 engine.set_velocity(six)
                 return six
         return after
 
 
-def _energy(six, inertia):
-    return sum(value * value for value in six[:3]) + inertia * sum(value * value for value in six[3:])
+def _energy(engine, six, inertia):
+    spin = np.array(engine.world_axes(six[3:]))
+    return sum(value * value for value in six[:3]) + float(spin @ inertia @ spin)
 
 
 def _cross(a, b):

@@ -1,0 +1,115 @@
+"""Predicted distributions of where pushes take the block: by ours, by other engines, and without physics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from unc_physics.prediction.predict import predict
+from unc_physics.propagators.registry import make_propagator
+from unc_physics.spatial.layout import POSITION, QUATERNION
+
+from .action_engines import FINE, OWN
+from .methods import MARGINAL, MONTE_CARLO, OURS, STILL
+from .push_engines import pushed_in
+from .recorded_pushes import (
+    REPEATS_STD,
+    Frictions,
+    measured_frictions,
+    planar,
+    planar_before,
+    push_scene,
+    recorded_pushes,
+    seen,
+    uncertain_push,
+)
+
+SAMPLES, ENGINE_SAMPLES = 20, 8
+#: Friction of engines that nobody has set.
+_UNSET = {"mujoco": 1.0, "pybullet": 0.5}
+
+
+def push_predictions(
+    folder: Path, tests: Sequence[int], every: Sequence[int], by: str, calibrated: bool, seed: int
+) -> Iterator[dict[str, np.ndarray]]:
+    """For each push states (n, 13) of the block at its end, by method.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the pushes.
+    tests, every : sequence of int
+        Pushes that are predicted, and all of their kind.
+    by : str
+        Ours, an engine, or the outcomes of others.
+    calibrated : bool
+        Whether frictions are those that were measured, with their errors and those of repeated pushes.
+    seed : int
+    """
+    moves = np.array([_move(k, folder) for k in every]) if by == MARGINAL else np.empty((0, 3))
+    for k in tests:
+        rng = np.random.default_rng([seed, k])
+        if by == MARGINAL:
+            own = moves[[other != k for other in every]]
+            yield {MARGINAL: _states(_moved(k, own, folder)), STILL: _states(planar_before(k, folder)[None])}
+            continue
+        if by == OURS:
+            push = uncertain_push(k, folder) if calibrated else push_scene(k, None, folder=folder)
+            propagator = make_propagator(MONTE_CARLO, samples=SAMPLES, seed=int(rng.integers(1 << 30)))
+            prediction = predict(push.scene, push.belief, propagator, push.horizon)
+            places = planar(prediction.samples()[:, 0])
+        else:
+            places = np.array(list(_in_engine(by, k, calibrated, folder, rng)))
+        if calibrated:
+            places = places + REPEATS_STD * rng.standard_normal(places.shape)
+        yield {by: _states(places)}
+
+
+def push_outcomes(folder: Path, tests: Sequence[int]) -> list[np.ndarray]:
+    """(7,): where the block was after each push."""
+    states = _states(np.array([seen(k, folder) for k in tests]))
+    return list(np.concatenate([states[:, POSITION], states[:, QUATERNION]], axis=1))
+
+
+def _in_engine(engine, k, calibrated, folder, rng):
+    """Places (3,): one with the engine's own settings, or some with finer ones and uncertain frictions."""
+    support = int(recorded_pushes(folder).support[k])
+    if not calibrated:
+        push = push_scene(k, Frictions(*[_UNSET[engine]] * 2), folder=folder)
+        yield pushed_in(engine, OWN[engine], push, support)
+        return
+    table, tip, table_std, tip_std = measured_frictions(k, folder)
+    for z in rng.standard_normal((ENGINE_SAMPLES, 2)):
+        drawn = Frictions(table * np.exp(z[0] * table_std / table), tip * np.exp(z[1] * tip_std / tip))
+        yield pushed_in(engine, FINE[engine], push_scene(k, drawn, folder=folder), support)
+
+
+def _heading(k, folder):
+    """Direction in which the tips went, on the whole [rad]."""
+    path = recorded_pushes(folder).paths[k]
+    return np.arctan2(*(path[-1, 1:3] - path[0, 1:3])[::-1])
+
+
+def _turned(places, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, yaw = np.moveaxis(places, -1, 0)
+    return np.stack([c * x - s * y, s * x + c * y, yaw], axis=-1)
+
+
+def _move(k, folder):
+    """How push ``k`` moved and turned the block (3,), in the axes of its heading."""
+    return _turned(seen(k, folder) - planar_before(k, folder), -_heading(k, folder))
+
+
+def _moved(k, moves, folder):
+    return planar_before(k, folder) + _turned(moves, _heading(k, folder))
+
+
+def _states(places):
+    """States (n, 13) of a block at places and yaws (n, 3) in the table."""
+    states = np.zeros((len(places), 13))
+    states[:, :2] = places[:, :2]
+    states[:, 8], states[:, 9] = np.sin(0.5 * places[:, 2]), np.cos(0.5 * places[:, 2])
+    return states

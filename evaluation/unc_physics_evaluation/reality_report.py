@@ -1,0 +1,181 @@
+"""The report on reality: scores, coverage, comparison with the outcomes of others, reliability."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import beta
+
+from .experiments import reality as x
+from .methods import MARGINAL, OURS, STILL, color, label
+from .plots import new_figure, save
+from .results import Results, Rows
+from .scores import bootstrap, rms
+from .tables import number, table
+
+LEVELS = (0.5, 0.9)
+#: Lines of the tables: method, and with what it predicts.
+LINES = (
+    (OURS, x.DEFAULTS),
+    (OURS, x.CALIBRATED),
+    ("mujoco", x.DEFAULTS),
+    ("mujoco", x.CALIBRATED),
+    ("pybullet", x.DEFAULTS),
+    ("pybullet", x.CALIBRATED),
+    (MARGINAL, x.DEFAULTS),
+    (STILL, x.DEFAULTS),
+)
+_DRAWN = {LINES[0]: "--", LINES[1]: "-", LINES[3]: "-", LINES[5]: "-"}
+
+
+class Line(NamedTuple):
+    """Predictions of a set by one method: values by quantity and motion."""
+
+    of: str
+    method: str
+    given: str
+    values: dict[str, dict[int, float]]
+
+    @property
+    def title(self) -> str:
+        """What they are called."""
+        return label(self.method) + (f", {self.given}" if self.method not in (MARGINAL, STILL) else "")
+
+
+def lines(rows: Rows) -> list[Line]:
+    """All predictions, those of a set together."""
+    found: dict[tuple, dict[str, dict[int, float]]] = {}
+    for row in rows:
+        if not row["quantity"].startswith("fitted"):
+            own = found.setdefault((row["set"], row["method"], row["given"]), {})
+            own.setdefault(row["quantity"], {})[row["replicate"]] = row["value"]
+    return [
+        Line(name, method, given, found[name, method, given])
+        for name, (method, given) in product(rows.unique("set"), LINES)
+        if (name, method, given) in found
+    ]
+
+
+def reality_report(results: Results) -> str:
+    """The whole report in Markdown; writes both tables as CSV files, and draws the figure."""
+    found = lines(results.rows("reality"))
+    parts = []
+    for name, head, cells in (("reality_scores", *_scores(found)), ("reality_coverage", *_coverage(found))):
+        with open(results.folder / f"{name}.csv", "w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows([head, *cells])
+        parts.append(table(head, cells))
+    path = results.figure("reality")
+    _draw(path, found)
+    return "\n".join([*parts, f"![Reliability](figures/{path.name})\n"])
+
+
+def _scores(found: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
+    """Mean scores; and by how much they are below those of the outcomes of others, over all times."""
+    head = ["motions", "prediction", *(f"position, {when} [mm]" for when in x.TIMES)]
+    head += [*(f"rotation, {when} [rad]" for when in x.TIMES), "Brier score of the face"]
+    head += ["error of the mean at rest, rms [mm]"]
+    head += [f"{what} above {label(MARGINAL)} [%]" for what in ("position", "rotation")]
+    marginal = {line.of: line for line in found if line.method == MARGINAL}
+    cells = []
+    for line in found:
+        own = [f"{line.of}, {len(line.values[f'{x.POSITION_SCORE} rest'])}", line.title]
+        own += [_mean(line, f"{x.POSITION_SCORE} {when}", 1e3) for when in x.TIMES]
+        own += [_mean(line, f"{x.ROTATION_SCORE} {when}") for when in x.TIMES]
+        own += [
+            _mean(line, x.BRIER),
+            number(1e3 * rms(np.array(list(line.values[f"{x.ERROR} rest"].values())))),
+        ]
+        for quantity in (x.POSITION_SCORE, x.ROTATION_SCORE):
+            other = marginal.get(line.of)
+            own.append("" if other in (None, line) else above(line, other, quantity))
+        cells.append(own)
+    return head, cells
+
+
+def _mean(line, quantity, factor=1.0):
+    own = line.values.get(quantity)
+    return number(factor * float(np.mean(list(own.values())))) if own else ""
+
+
+def above(line: Line, other: Line, quantity: str) -> str:
+    """Mean score over all times above another's in percent, each time's over the other's mean.
+
+    With the 95 % interval of a paired bootstrap over motions, and times at which it is worse.
+    """
+    sums: dict[int, list[float]] = {}
+    worse = []
+    for when in x.TIMES:
+        a, b = (one.values.get(f"{quantity} {when}", {}) for one in (line, other))
+        both = sorted(a.keys() & b.keys())
+        if not both:
+            continue
+        unit = np.mean([b[k] for k in both])
+        differences = np.array([a[k] - b[k] for k in both]) / unit
+        if bootstrap(differences, np.random.default_rng(0))[0] > 0.0:
+            worse.append(when)
+        for k, difference in zip(both, differences, strict=True):
+            sums.setdefault(k, []).append(difference)
+    pooled = 100.0 * np.array([np.mean(own) for own in sums.values()])
+    low, high = bootstrap(pooled, np.random.default_rng(0))
+    text = f"{pooled.mean():+.0f} ({low:+.0f} to {high:+.0f})"
+    return text + (f"; worse at {', '.join(worse)}" if worse else "")
+
+
+def _coverage(found: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
+    """Shares of motions in the regions of each level, with binomial intervals."""
+    pairs = list(product(((x.POSITION_RANK, "position"), (x.ROTATION_RANK, "rotation")), LEVELS, x.TIMES))
+    head = ["motions", "prediction", *(f"{what} in {100 * p:.0f} %, {when}" for (_, what), p, when in pairs)]
+    cells = []
+    for line in found:
+        own = [f"{line.of}, {len(line.values[f'{x.POSITION_SCORE} rest'])}", line.title]
+        for (quantity, _), level, when in pairs:
+            ranks = np.array(list(line.values.get(f"{quantity} {when}", {}).values()))
+            own.append(_share(int(np.sum(ranks <= level)), len(ranks)) if len(ranks) else "")
+        cells.append(own)
+    return head, cells
+
+
+def _share(inside, count):
+    low, high = binomial_interval(inside, count)
+    return f"{100.0 * inside / count:.0f} ({100.0 * low:.0f} to {100.0 * high:.0f})"
+
+
+def binomial_interval(inside: int, count: int, level: float = 0.95) -> tuple[float, float]:
+    """Clopper and Pearson's interval of a share."""
+    tail = 0.5 * (1.0 - level)
+    low = beta.ppf(tail, inside, count - inside + 1) if inside else 0.0
+    high = beta.ppf(1.0 - tail, inside + 1, count - inside) if inside < count else 1.0
+    return float(low), float(high)
+
+
+def _draw(path: Path, found: Sequence[Line]) -> None:
+    """Share of motions that regions of each level hold, over all sets and times."""
+    figure = new_figure(8.0, 4.2)
+    panels = figure.subplots(1, 2, sharey=True)
+    for ax, (quantity, title) in zip(
+        panels, ((x.POSITION_RANK, "positions"), (x.ROTATION_RANK, "rotations")), strict=True
+    ):
+        ax.plot([0, 1], [0, 1], color="#CCCCCC", linewidth=0.8)
+        for (method, given), style in _DRAWN.items():
+            own = [line for line in found if (line.method, line.given) == (method, given)]
+            ranks = np.sort(list(_ranks(own, quantity)))
+            if len(ranks):
+                share = (1.0 + np.arange(len(ranks))) / len(ranks)
+                ax.plot(ranks, share, style, color=color(method), label=own[0].title)
+        ax.set_title(title, fontsize=9)
+        ax.set_xlabel("region of", fontsize=8)
+        ax.set_xlim(0, 1)
+        ax.set_ylim(0, 1)
+    panels[0].set_ylabel("holds this share of motions", fontsize=8)
+    panels[0].legend(fontsize=8, frameon=False)
+    save(figure, path)
+
+
+def _ranks(own: Sequence[Line], quantity: str) -> Iterator[float]:
+    for line, when in product(own, x.TIMES):
+        yield from line.values.get(f"{quantity} {when}", {}).values()
