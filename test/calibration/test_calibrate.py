@@ -50,7 +50,7 @@ def test_coverage_is_right_after_and_not_before(found):
 
 
 def test_standard_deviations_cover_the_truth():
-    """Of ten objects as the prior says: deviations are as large as said, on average, and below the prior's."""
+    """Ten objects as the prior says: deviations are as large as stated, on average, and below the prior's."""
     prior = scene(friction=0.3, restitution=0.3, impact_direction_std=0.03)
     rng, deviations, stds = np.random.default_rng(0), [], []
     for seed in range(10):
