@@ -79,25 +79,27 @@ def test_random_scenes_gain_no_energy():
     """No more than 0.1 % in 99.9 % of them, and 1 % at worst.
 
     After energy was lost, what rolls on the bumps of its packing may regain 0.1 % of what the scene began
-    with, but seldom. A bottle of 18 mm radius that rolls by 0.2 rad a step, at 120 steps a second, regains
-    more: it keeps gaining speed, as the limits in ``docs/explanation/physics.md`` say.
+    with, but seldom.
     """
     total, regained = np.array([gain(seed) for seed in range(SCENES)]).T
-    is_long = np.array([random_scene(seed)[0].dt > 1 / 150 for seed in range(SCENES)])
     assert total.max() < 1e-2, f"seed {total.argmax()}"
     assert (total > 1e-3).mean() <= 1e-3, f"seeds {np.flatnonzero(total > 1e-3)}"
-    assert regained[~is_long].max() < 1e-2, f"seeds {np.flatnonzero(~is_long & (regained > 1e-2))}"
-    assert regained[is_long].max() < 5e-2, f"seeds {np.flatnonzero(is_long & (regained > 5e-2))}"
+    assert regained.max() < 1e-2, f"seed {regained.argmax()}"
     assert (regained > 1e-3).mean() <= 0.1, f"seeds {np.flatnonzero(regained > 1e-3)}"
 
 
-@pytest.mark.parametrize("name, spheres", [("bottle", 3000), ("can", 800)])
-def test_a_body_that_rolls_on_its_side_keeps_its_speed(name, spheres):
-    """Within 2 % for 8 s, without slip on a floor at 240 steps a second."""
+@pytest.mark.parametrize("steps_per_second", [120, 240, 1000])
+@pytest.mark.parametrize(
+    "name, spheres, tolerance",
+    [("can", 300, 0.005), ("can", 3000, 0.005), ("bottle", 300, 0.03), ("bottle", 3000, 0.1)],
+)
+def test_a_body_that_rolls_on_its_side_keeps_its_speed(name, spheres, tolerance, steps_per_second):
+    """For 8 s, without slip on a floor."""
     body = RigidBody("b", load_model(name).prefix(spheres), 0.5)
-    scene = Scene.everyday([body], exact=True, dt=1 / 240, friction=0.5, environment=[Plane()])
-    start = state((0, 0, 0), (0.4, 0, 0), orientation=(np.sqrt(0.5), 0, 0, np.sqrt(0.5)))
-    start[2] = -(sphere_centers(body, start)[:, 2] - body.model.radii).min() - 2e-5
-    start[11] = 0.4 / start[2]
-    speeds = np.linalg.norm(course(scene, start[None], np.arange(1.0, 9.0))[..., 3:5], axis=-1)
-    np.testing.assert_allclose(speeds, 0.4, rtol=0.02)
+    scene = Scene.everyday([body], exact=True, dt=1 / steps_per_second, friction=0.5, environment=[Plane()])
+    for speed in (0.4, 0.8):
+        start = state((0, 0, 0), (speed, 0, 0), orientation=(np.sqrt(0.5), 0, 0, np.sqrt(0.5)))
+        start[2] = -(sphere_centers(body, start)[:, 2] - body.model.radii).min() - 2e-5
+        start[11] = speed / start[2]
+        speeds = np.linalg.norm(course(scene, start[None], np.arange(1.0, 9.0))[..., 3:5], axis=-1)
+        np.testing.assert_allclose(speeds, speed, rtol=tolerance)

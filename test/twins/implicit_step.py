@@ -32,14 +32,18 @@ OVER_FACE = 0.5
 #: How much nearer a face may be than the spheres themselves [m], so that no contact begins deeper.
 HOLLOW = 1.5e-4
 #: SMOOTHING: height over which the least height of a rolling body's spheres is smoothed. CUT: how many such
-#: heights count. AXIAL: by how much spheres that are one radius away along the axis count as higher. All are
-#: relative to the body's radius. TURNED: least turn in a step at which contacts push in its middle [rad].
-#: FARTHEST: longest way from the support to the push, in units of that of the body's surface.
-SMOOTHING, CUT, AXIAL, TURNED, FARTHEST = 4e-3, 6.0, 0.05, 1e-3, 5.0
+#: heights count. AXIAL: by how much spheres that are one radius away along the axis count as higher. WIDTH:
+#: how far others may be from the lowest one across the axis. All are relative to the body's radius. TURNED:
+#: least turn in a step at which contacts push in its middle [rad]. FARTHEST: longest way from the support to
+#: the push, in units of that of the body's surface.
+SMOOTHING, CUT, AXIAL, WIDTH, TURNED, FARTHEST = 4e-3, 5.0, 0.05, 0.2, 1e-3, 5.0
 #: Overlap that contacts always push out [m], and the speed at which they push out unexplained overlap [m/s].
 SLACK, RECOVERY = 2e-5, 0.05
-#: Least depth at which a cylinder's contact is as wide as the part of a patch that rolls together [m].
-ROLL_DEPTH = 2e-4
+#: ROLL_DEPTH: least depth at which a cylinder's contact is as wide as the part of a patch that rolls together
+#: [m]. ROLL_SHARE: limit of that depth. BESIDE: distance along the axis within which contacts share their
+#: places. Both are relative to the radius. LEAST_COMPLIANCE: least compliance of a moved contact, relative to
+#: the inverse mass.
+ROLL_DEPTH, ROLL_SHARE, LEAST_COMPLIANCE, BESIDE = 2e-4, 0.01, 0.7, 0.1
 #: Restitution from which on impacts act in sequence, and their slowest closing speed [m/s].
 LIVELY, LIVELY_SPEED = 0.7, 1e-3
 
@@ -377,7 +381,7 @@ def leads(scene, contacts, x, J, limit):
             deepest = min(chosen, key=lambda k: contacts[k].gap)
             spin = np.linalg.norm(x[i, W] - (x[j, W] if j >= 0 else 0.0))
             radius = min(scene.bodies[k].model.bounding_radius for k in (i, j) if k >= 0)
-            near = spin * np.sqrt(2.0 * roll_depth(scene) * radius)
+            near = spin * np.sqrt(2.0 * roll_depth(scene, radius) * radius)
             near = near if scene.dt * spin * radius > ROLLED else 0.0
             for k in chosen:
                 lowest[k] = deepest
@@ -386,9 +390,9 @@ def leads(scene, contacts, x, J, limit):
     return out, lowest
 
 
-def roll_depth(scene):
+def roll_depth(scene, radius):
     """Return the depth at which spheres of a body may touch when it rolls [m]."""
-    return max(ROLL_DEPTH, scene.dt**2 * np.linalg.norm(scene.gravity))
+    return max(ROLL_DEPTH, min(scene.dt**2 * np.linalg.norm(scene.gravity), ROLL_SHARE * radius))
 
 
 def support(body, R, n, ahead, axis, sphere):
@@ -399,8 +403,9 @@ def support(body, R, n, ahead, axis, sphere):
     places, radii = body.model.centers[hull] @ R.T, body.model.radii[hull]
     apart = (places - R @ body.model.centers[sphere]) @ axis
     heights = places @ n - radii + AXIAL / size * apart**2
-    above = heights - heights.min()
-    weights = np.where(above < CUT * SMOOTHING * size, np.exp(-above / (SMOOTHING * size)), 0.0)
+    above, across = heights - heights.min(), (places - places[heights.argmin()]) @ ahead
+    near = (above < CUT * SMOOTHING * size) & (abs(across) < WIDTH * size)
+    weights = np.where(near, np.exp(-above / (SMOOTHING * size)), 0.0)
     smooth = heights.min() - SMOOTHING * size * np.log(weights.sum())
     return heights.min(), smooth, weights @ places @ ahead / weights.sum()
 
@@ -415,6 +420,7 @@ def rolling_contacts(scene, contacts, before, x, J, lead, lowest, h):
     """
     out, speeds = J.copy(), (J @ velocities(x))[::3]
     rolling = speeds - speeds[lead]
+    anchors = {}  # spheres for which places were found, by the patch
     for k, c in enumerate(contacts):
         n, body, R = contacts[lowest[k]].normal, scene.bodies[c.i], Rotation.from_quat(x[c.i, Q])
         w = 0.25 * before[c.i, W] + 0.75 * x[c.i, W]
@@ -423,19 +429,26 @@ def rolling_contacts(scene, contacts, before, x, J, lead, lowest, h):
         if c.j >= 0 or lead[k] != lowest[k] or scene.dt / h * size <= TURNED:
             continue
         ahead, axis = np.cross(across, n) / np.linalg.norm(across), w / np.linalg.norm(w)
-        least, end, foot = support(body, R.as_matrix(), n, ahead, axis, c.a)
+        known, radius = anchors.setdefault(lowest[k], []), body.model.bounding_radius
+        offsets = body.model.centers @ R.as_matrix().T @ axis
+        anchor = next((s for s in known if abs(offsets[s] - offsets[c.a]) < BESIDE * radius), c.a)
+        known.append(anchor)
+        least, end, foot = support(body, R.as_matrix(), n, ahead, axis, anchor)
         earlier = Rotation.from_rotvec(-h * w) * R
         # the axis does not turn, so places along it stay
-        start = support(body, earlier.as_matrix(), n, ahead, axis, c.a)[1]
+        start = support(body, earlier.as_matrix(), n, ahead, axis, anchor)[1]
         push, arm = (start - end) / size, middle_of(c) - x[c.i, P]
-        farthest = FARTHEST * size * body.model.bounding_radius
-        if abs(least - arm @ n) >= roll_depth(scene) or abs(push - foot) >= farthest:
+        if abs(least - arm @ n) >= roll_depth(scene, radius) or abs(push - foot) >= FARTHEST * size * radius:
+            continue
+        rolled = np.cross(-0.5 * h * (w @ n) * n, arm) + arm
+        rolled = rolled + (push - rolled @ ahead) * ahead + 0.5 * (start - end) * n
+        inverse = inverse_mass(scene, x)[6 * c.i : 6 * c.i + 6, 6 * c.i : 6 * c.i + 6]
+        gives = np.cross(arm, n) @ inverse[3:, 3:] @ np.cross(rolled, n)
+        if gives <= (LEAST_COMPLIANCE - 1.0) * inverse[0, 0]:
             continue
         rolling[k] = -(x[c.i, W] @ np.cross(n, ahead)) * (arm @ ahead - foot)
-        arm = arm + np.cross(-0.5 * h * (w @ n) * n, arm)
-        arm = arm + (push - arm @ ahead) * ahead + 0.5 * (start - end) * n
         for d, axis in enumerate((c.normal, *frame(c.normal))):
-            out[3 * k + d, 6 * c.i + 3 : 6 * c.i + 6] = np.cross(arm, axis)
+            out[3 * k + d, 6 * c.i + 3 : 6 * c.i + 6] = np.cross(rolled, axis)
     return out, rolling
 
 

@@ -23,7 +23,8 @@ PUSH_I, TURN_I, PUSH_J, TURN_J = 16, 19, 24, 27
 #: ROLL_RADIUS: radius of a body that rolls, at most [m].
 #: IN_MIDDLE: 1 if the impulse acts at its place in the middle of the interval, else 0. PLACES: three places
 #: of a rolling body [m] (`middle_arms.rolling_places`). ROLLING: part of the normal speed that comes from
-#: rolling, for a contact in the middle [m/s].
+#: rolling, for a contact in the middle [m/s]. ANCHOR: sphere for which the places were found. LEAST: least
+#: height of spheres near it [m].
 INVERSE_MASS_I, INVERSE_MASS_J, COMPLIANCE, SLIP_COMPLIANCE, GAP, FIRST, FALL = range(96, 103)
 RADIUS, FRICTION, RESTITUTION, FORCE, LEAD, DAMPING_TIME, TARGET = 103, 104, 105, 106, 109, 110, 111
 COUPLING, DEPTH, EFFECTIVE_TIME, QUADRATIC_GAIN, IMPULSE_SCALE, DRIFT, ROLL_RADIUS = (
@@ -35,7 +36,7 @@ COUPLING, DEPTH, EFFECTIVE_TIME, QUADRATIC_GAIN, IMPULSE_SCALE, DRIFT, ROLL_RADI
     118,
     120,
 )
-IN_MIDDLE, PLACES, ROLLING = 121, 122, 125
+IN_MIDDLE, PLACES, ROLLING, ANCHOR, LEAST = 121, 122, 125, 126, 127
 ROW = 128
 #: Columns of torsional friction.
 #: REACH: largest moment per normal force [m]. SPIN_COMPLIANCE: change of spin per moment of 1 N m s.

@@ -30,6 +30,7 @@ import numpy as np
 from ..collision.contact_model import shallow_factor
 from ..collision.contact_patch import IMPACT_GAP
 from ..collision.contact_row import (
+    ANCHOR,
     AXIS,
     COMPLIANCE,
     DAMPING_TIME,
@@ -37,6 +38,7 @@ from ..collision.contact_row import (
     GAP,
     IN_MIDDLE,
     LEAD,
+    MOMENT_I,
     PLACES,
     RADIUS,
     RESTITUTION,
@@ -58,6 +60,7 @@ from ..dynamics.friction import friction_per_normal_speed, slip_derivative
 from ..dynamics.impact_time import impact_speed
 from ..dynamics.implicit_solver import RECOVERY
 from ..dynamics.middle_arms import (
+    lever_arm,
     mean_turn,
     no_rolling,
     placed_arm,
@@ -257,7 +260,7 @@ def _find_places(h, world, work, errors, contacts):
         axes = triple(lead, 0), triple(lead, AXIS), triple(lead, 2 * AXIS)
         turn = mean_turn(h, work.velocity, i)
         put(places, 0, 0, triple(row, PLACES))
-        write_place_slopes(*axes, turn, work.ids[c, 2], i, errors.R[0], world, places[:, 1:])
+        write_place_slopes(*axes, turn, int(row[ANCHOR]), i, errors.R[0], world, places[:, 1:])
 
 
 @inner
@@ -353,7 +356,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
             work.rows[lead], work.ids[lead], contacts.gap[lead], contacts.surface[lead], position, world, work
         )
     n, push_arm, turn, along, places = g.n, g.arm_i, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), contacts.places[c]
-    in_middle = law == LASTING and row[IN_MIDDLE] > 0.0
+    in_middle, ahead, own_arm = law == LASTING and row[IN_MIDDLE] > 0.0, 0.0, g.arm_i
     # the contact of a rolling shape is at the support, without bumps
     is_smooth = in_middle and g_lead.roll_i[0] + g_lead.roll_i[2] > 0.0
     if in_middle:
@@ -361,6 +364,8 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         along = rolling_direction(g_lead.n, turn)
         push_arm = spun_arm(g.arm_i, g_lead.n, turn)
         if not is_smooth:
+            own_arm = lever_arm(row, MOMENT_I, n, g.first, g.second)
+            ahead = dot(own_arm, along) - places[2, 0]
             push_arm = placed_arm(push_arm, vector(places, 0, 0), g_lead.n, along)
     f_t = plus(times(own[1], g.first), times(own[2], g.second))
     f = plus(times(own[0], n), f_t)
@@ -381,8 +386,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         recovery = RECOVERY - 0.5 * (begun + speed_before)
         if in_middle:
             if not is_smooth:
-                place = dot(g.arm_i, along) - places[2, 0]
-                recovery += place * dot(three(before, i, 3), cross(along, g_lead.n))
+                recovery += ahead * dot(three(before, i, 3), cross(along, g_lead.n))
         elif lead != c:
             recovery += speed_before
             recovery -= dot(g_lead.n, relative_velocity(before, i, j, g_lead.arm_i, g_lead.arm_j))
@@ -457,11 +461,10 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
             if in_middle:
                 if not is_smooth:
                     w, dw = three(before, i, 3), vector(end, first_i + EW, k)
-                    place = dot(g.arm_i, along) - places[2, 0]
-                    moved = dot(change.arm_i, along) + dot(g.arm_i, rolls.along) - rolls.places[2]
+                    moved = dot(change.arm_i, along) + dot(own_arm, rolls.along) - rolls.places[2]
                     across = cross(along, g_lead.n)
                     tilted = plus(cross(rolls.along, g_lead.n), cross(along, other.n))
-                    roll = moved * dot(w, across) + place * (dot(dw, across) + dot(w, tilted))
+                    roll = moved * dot(w, across) + ahead * (dot(dw, across) + dot(w, tilted))
             elif lead != c:
                 roll = free - _speed_change(g_lead, other, before, i, j, end, first_i, first_j, k)
             deeper = 0.5 * (dh * (speed_before - speed) + h * free) + row[DAMPING_TIME] * roll

@@ -95,6 +95,8 @@ _APART = 4
 _SLACK, RECOVERY = 2e-5, 0.05
 #: Damping time of a contact, in steps; with half a step, stiff contacts come to rest in two.
 _DAMPING = 0.5
+#: Least depth at which spheres of a rolling body touch [m], and its limit relative to the body's radius.
+_ROLL_DEPTH, _ROLL_SHARE = 2e-4, 0.01
 _ROLLED = 1e-4  # rotation of a body's points in a step that changes the touching spheres [m]
 #: Growth of the squared change of a sweep: up to the first value, the search direction is kept. Above the
 #: second value, relative to the smallest change so far, the solver restores its best solution.
@@ -324,12 +326,21 @@ def next_patch(rows, first, m):
     return last, deepest
 
 
+@inner(forceinline=True)
+def rolling_depth(fall, radius):
+    """Return the depth at which spheres of a rolling body of this ``radius`` [m] may touch [m].
+
+    Free motion in a step makes it deeper, by ``fall``.
+    """
+    return max(_ROLL_DEPTH, min(fall, _ROLL_SHARE * radius))
+
+
 @inner(fastmath=FAST, error_model="numpy")
-def find_leads(rows, ids, m, dt, depth, v):
+def find_leads(rows, ids, m, dt, fall, v):
     """Find for each contact the contact of its patch whose normal speed determines its damping.
 
     ``v`` are the velocities at an interval's end, ``dt`` is the time step [s]. The lead is the deepest
-    contact, if it is so near that a round body would touch at both with this ``depth`` [m]. When such a body
+    contact, if it is so near that a round body would touch at both (`rolling_depth`). When such a body
     rolls, its spheres ahead move down and those behind move up, without a change of depth. Other contacts are
     damped by their own speed.
     """
@@ -341,7 +352,7 @@ def find_leads(rows, ids, m, dt, depth, v):
         for k in range(3, 6):
             w += (v[i, k] - v[j, k]) ** 2 if j >= 0 else v[i, k] ** 2
         radius, w = rows[lead, ROLL_RADIUS], math.sqrt(w)
-        near = w * math.sqrt(2.0 * depth * radius) if dt * w * radius > _ROLLED else 0.0
+        near = w * math.sqrt(2.0 * rolling_depth(fall, radius) * radius) if dt * w * radius > _ROLLED else 0.0
         speed = contact_speeds(rows[lead], v, i, j)[0] if near > 0.0 else 0.0
         for c in range(first, last):
             rows[c, LEAD] = c

@@ -82,7 +82,7 @@ from .kinematic_bodies import (
     place_kinematic,
     read_kinematic,
 )
-from .middle_arms import ROLL_DEPTH, push_in_the_middle
+from .middle_arms import push_in_the_middle
 
 #: Impact speed: the largest of a speed [m/s], the speed after a fall from a height [m], and gravity's change
 #: of speed in a number of steps. Without gravity nothing needs to come to rest, so that even the slowest
@@ -307,9 +307,8 @@ def push_apart(x, count, h, time, first_time, residual, world, threshold, method
         impulses = work.impulses[LASTING]
         g = world.gravity
         fall = world.dt * world.dt * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
-        depth = max(ROLL_DEPTH, fall)
-        find_leads(work.rows, work.ids, m, world.dt, depth, velocity[FREE])
-        push_in_the_middle(h, depth, world, work)
+        find_leads(work.rows, work.ids, m, world.dt, fall, velocity[FREE])
+        push_in_the_middle(h, fall, world, work)
         worst = solve_lasting(
             work.rows,
             work.torsion_rows,

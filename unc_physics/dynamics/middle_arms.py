@@ -18,13 +18,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..collision.contact_row import (
+    ANCHOR,
     AXIS,
     COMPLIANCE,
     IN_MIDDLE,
     INVERSE_MASS_I,
     LEAD,
+    LEAST,
     MOMENT_I,
     PLACES,
+    ROLL_RADIUS,
     ROLLING,
     SLIP_COMPLIANCE,
     TURN_I,
@@ -33,20 +36,24 @@ from ..collision.implicit_workspace import CONTACTS, FREE, START
 from ..compiler import inner
 from ..spatial.rotation import cross, exp, rotate, rotate_back
 from ..spatial.vectors import dot, minus, plus, put, three, times, triple, vector
-from .implicit_solver import next_patch
+from .implicit_solver import next_patch, rolling_depth
 
 #: Smallest rotation in a step that matters [rad]. Then the largest distance between the places of the
 #: impulse and of the support, relative to the motion of the body's farthest points; larger ones jump between
 #: edges of a face.
 _TURNED, _FARTHEST = 1e-3, 5.0
 #: Height over which the minimum over spheres is smoothed, relative to the body's radius, and number of such
-#: heights that count.
-_SMOOTHING, _CUT = 4e-3, 6.0
+#: heights that count. Then the largest distance of such spheres from the lowest one along the rolling
+#: direction, relative to the body's radius: round bodies have none beyond, and edges of blocks are farther
+#: apart.
+_SMOOTHING, _CUT, _WIDTH = 4e-3, 5.0, 0.2
 #: Height by which spheres count as higher that are one radius away along the axis of rotation, relative to
 #: the body's radius.
 _SLOPE = 0.05
-#: Least depth at which spheres of a rolling body may touch [m]; free motion in a step makes it deeper.
-ROLL_DEPTH = 2e-4
+#: Largest distance of contacts along the axis that share their places, relative to the body's radius.
+_BESIDE = 0.1
+#: Least normal velocity per impulse at a moved contact, relative to that of a body without rotation.
+_LEAST_COMPLIANCE = 0.7
 _REACH = 1e-7  # step of finite differences of the places [rad]
 
 
@@ -74,10 +81,10 @@ def mean_turn(h, velocity, i):
 
 
 @inner(error_model="numpy")
-def push_in_the_middle(h, depth, world, work):
+def push_in_the_middle(h, fall, world, work):
     """Move impulses of contacts that roll on elements to their places in the middle of ``h`` seconds.
 
-    Spheres up to ``depth`` [m] above a body's lowest ones count as rolling.
+    ``fall`` is as in `rolling_depth`.
     """
     rows, ids, m = work.rows, work.ids, work.counts[CONTACTS]
     first = 0
@@ -88,21 +95,22 @@ def push_in_the_middle(h, depth, world, work):
         i = ids[lead, 0]
         n, turn = triple(rows[lead], 0), mean_turn(h, work.velocity, i)
         if ids[lead, 1] < 0 and _turns_across(n, times(world.dt / h, turn)):
-            along = rolling_direction(n, turn)
+            along, depth = rolling_direction(n, turn), rolling_depth(fall, rows[lead, ROLL_RADIUS])
             rate = dot(three(work.velocity[FREE], i, 3), cross(along, n))
+            farthest = _FARTHEST * dot(turn, cross(n, along)) * world.bodies.radius[i]
             for c in range(first, last):
                 if rows[c, LEAD] != lead:
                     continue
+                _find_places(c, first, n, turn, i, world, work)
+                least, places = rows[c, LEAST], triple(rows[c], PLACES)
                 axes = triple(rows[c], 0), triple(rows[c], AXIS), triple(rows[c], 2 * AXIS)
                 arm = lever_arm(rows[c], MOMENT_I, *axes)
-                moves, places = rolling_places(n, turn, -dot(n, arm), depth, ids[c, 2], i, work.R[i], world)
-                if moves:
+                push_arm = placed_arm(spun_arm(arm, n, turn), places, n, along)
+                moves = abs(least - dot(n, arm)) < depth and abs(places[0] - places[2]) < farthest
+                if moves and _yields(rows[c], push_arm, work.inverse_inertia[i]):
                     rows[c, ROLLING] = rate * (dot(arm, along) - places[2])
-                    push_arm = placed_arm(spun_arm(arm, n, turn), places, n, along)
                     _push_at(rows[c], push_arm, axes, work.inverse_inertia[i])
                     rows[c, IN_MIDDLE] = 1.0
-                    for k in range(3):
-                        rows[c, PLACES + k] = places[k]
         first = last
 
 
@@ -142,31 +150,53 @@ def _half_spin(n, turn):
 
 
 @inner(error_model="numpy")
-def rolling_places(n, turn, height, depth, sphere, i, R, world):
-    """Compute the places of the impulse at a sphere of body i and of its support, if it rolls.
+def _find_places(c, first, n, turn, i, world, work):
+    """Write the places of contact ``c``, or copy those of a contact from ``first`` on that is at its side."""
+    rows, ids, centers = work.rows, work.ids, world.tree.centers
+    axis, s = _body_axis(turn, work.R[i]), ids[c, 2]
+    for k in range(first, c):
+        if rows[k, LEAD] == rows[c, LEAD] and rows[k, ANCHOR] == ids[k, 2]:
+            t = ids[k, 2]
+            apart = axis[0] * (centers[s, 0] - centers[t, 0]) + axis[1] * (centers[s, 1] - centers[t, 1])
+            apart += axis[2] * (centers[s, 2] - centers[t, 2])
+            if abs(apart) < _BESIDE * world.bodies.radius[i]:
+                for m in (PLACES, PLACES + 1, PLACES + 2, ANCHOR, LEAST):
+                    rows[c, m] = rows[k, m]
+                return
+    rows[c, ANCHOR] = s
+    rows[c, LEAST], places = rolling_places(n, turn, s, i, work.R[i], world)
+    for k in range(3):
+        rows[c, PLACES + k] = places[k]
 
-    ``n`` is the contact normal, and ``height`` that of the centre of mass above the contact [m], which is at
-    most ``depth`` above the lowest sphere. ``turn`` is
-    the body's rotation over the interval [rad], ``R`` (3, 3) its ``R_world_body`` at the end.
+
+@inner(forceinline=True)
+def _body_axis(turn, R):
+    """Return the unit axis of a rotation in the body's frame."""
+    axis = times(1.0 / math.sqrt(dot(turn, turn)), turn)
+    return rotate_back(R, axis[0], axis[1], axis[2])
+
+
+@inner(error_model="numpy")
+def rolling_places(n, turn, sphere, i, R, world):
+    """Compute the places of impulses near a sphere of body i and of its support, as it rolls.
+
+    ``n`` is the contact normal, ``turn`` the body's rotation over the interval [rad], ``R`` (3, 3) its
+    ``R_world_body`` at the end.
 
     Returns
     -------
-    moves : bool
-        Whether the body rolls there on its lowest spheres.
+    least : float
+        Least height of its spheres there, relative to the centre of mass [m].
     places : tuple of 3 floats
         Place of the impulses along the rolling direction, their distance above the contact of the end, and
         place of the support at the end [m].
     """
     across = minus(turn, times(dot(turn, n), n))
     size = math.sqrt(dot(across, across))
-    along = times(1.0 / size, cross(across, n))
-    axis = times(1.0 / math.sqrt(dot(turn, turn)), turn)
-    axis = rotate_back(R, axis[0], axis[1], axis[2])
+    along, axis = times(1.0 / size, cross(across, n)), _body_axis(turn, R)
     least, end, support = _support(n, (0.0, 0.0, 0.0), along, axis, sphere, i, R, world)
     _, start, _ = _support(n, times(-1.0, turn), along, axis, sphere, i, R, world)
-    push = (start - end) / size
-    moves = abs(height + least) < depth and abs(push - support) < _FARTHEST * size * world.bodies.radius[i]
-    return moves, (push, 0.5 * (start - end), support)
+    return least, ((start - end) / size, 0.5 * (start - end), support)
 
 
 @inner(noinline=True)
@@ -184,7 +214,7 @@ def write_place_slopes(n, first, second, turn, sphere, i, R, world, out):
                 e = times(1.0 / math.sqrt(dot(e, e)), e)
             else:
                 t = plus(turn, times(sign * _REACH, (1.0 * (k == 2), 1.0 * (k == 3), 1.0 * (k == 4))))
-            _, places = rolling_places(e, t, 0.0, 0.0, sphere, i, R, world)
+            _, places = rolling_places(e, t, sphere, i, R, world)
             if sign > 0.0:
                 ahead = places
             else:
@@ -258,29 +288,40 @@ def _support(n, back, along, axis, sphere, i, R, world):
     """
     hull = world.implicit.hull
     low, high = world.implicit.hull_range[i, 0], world.implicit.hull_range[i, 1]
-    q = exp(back[0], back[1], back[2])
-    up = _turned((-q[0], -q[1], -q[2], q[3]), n)
+    q = exp(-back[0], -back[1], -back[2])
+    up, ahead = _turned(q, n), _turned(q, along)
     x, y, z = rotate_back(R, up[0], up[1], up[2])
-    smoothing, slope = _SMOOTHING * world.bodies.radius[i], _SLOPE / world.bodies.radius[i]
+    ax, ay, az = rotate_back(R, ahead[0], ahead[1], ahead[2])
+    radius = world.bodies.radius[i]
+    smoothing, slope = _SMOOTHING * radius, _SLOPE / radius
     center = world.tree.centers[sphere]
     offset = axis[0] * center[0] + axis[1] * center[1] + axis[2] * center[2]
-    least = np.inf
+    least, lowest = np.inf, low
     for k in range(low, high):
         apart = axis[0] * hull[0, k] + axis[1] * hull[1, k] + axis[2] * hull[2, k] - offset
-        height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k]
-        least = min(least, height + slope * apart * apart)
-    total, c = 0.0, (0.0, 0.0, 0.0)
+        height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k] + slope * apart * apart
+        if height < least:
+            least, lowest = height, k
+    middle = ax * hull[0, lowest] + ay * hull[1, lowest] + az * hull[2, lowest]
+    total = place = 0.0
     for k in range(low, high):
         apart = axis[0] * hull[0, k] + axis[1] * hull[1, k] + axis[2] * hull[2, k] - offset
-        height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k]
-        above = height + slope * apart * apart - least
-        if above < _CUT * smoothing:
-            share = math.exp(-above / smoothing)
-            total += share
-            c = plus(c, times(share, (hull[0, k], hull[1, k], hull[2, k])))
-    c = times(1.0 / total, c)
-    c = _turned(q, rotate(R, c[0], c[1], c[2]))
-    return least, least - smoothing * math.log(total), dot(c, along)
+        height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k] + slope * apart * apart
+        if height - least < _CUT * smoothing:
+            at = ax * hull[0, k] + ay * hull[1, k] + az * hull[2, k]
+            if abs(at - middle) < _WIDTH * radius:
+                share = math.exp((least - height) / smoothing)
+                total += share
+                place += share * at
+    return least, least - smoothing * math.log(total), place / total
+
+
+@inner(forceinline=True)
+def _yields(row, arm, inverse_inertia):
+    """Return whether a normal impulse at a lever arm moves the contact enough for a stable solution."""
+    moment = cross(arm, triple(row, 0))
+    turn = rotate(inverse_inertia, moment[0], moment[1], moment[2])
+    return dot(triple(row, MOMENT_I), turn) > (_LEAST_COMPLIANCE - 1.0) * row[INVERSE_MASS_I]
 
 
 @inner
