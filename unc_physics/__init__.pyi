@@ -18,6 +18,7 @@ from .geometry.packing import pack_solid as pack_solid
 from .geometry.packing_file import SpherePacking as SpherePacking
 from .geometry.packing_file import load_packing as load_packing
 from .geometry.packing_file import save_packing as save_packing
+from .geometry.primitive_models import primitive_model as primitive_model
 from .geometry.rounded_box import rounded_box as rounded_box
 from .geometry.solid_mesh import SolidMesh as SolidMesh
 from .geometry.solid_mesh import load_solid as load_solid

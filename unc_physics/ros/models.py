@@ -37,6 +37,7 @@ from ..checks.errors import (
 from ..checks.shown import printable
 from ..geometry.library import list_models
 from ..geometry.packing_file import SpherePacking, load_packing, save_packing
+from ..geometry.primitive_models import SPHERES, ball
 from ..geometry.primitives import primitive
 from ..geometry.prisms import cone, prism
 from ..scene.body import tree_of
@@ -46,8 +47,6 @@ from .messages.environment import read_dimensions
 from .messages.fields import point_message
 from .services import BackgroundService
 
-#: Number of spheres of a shape if the message does not set it.
-DEFAULT_SPHERES = 300
 #: Longest time for which a request waits for a packing [s].
 PACKING_TIMEOUT = 60.0
 #: Largest number of triangles of a mesh.
@@ -183,7 +182,7 @@ class ShapePacker:
         message : shape_msgs/Mesh
             [m]
         spheres : int
-            Number of spheres; 0 means `DEFAULT_SPHERES`.
+            Number of spheres; 0 means `SPHERES`.
         field : str
             Name in error messages.
         wait : bool
@@ -210,20 +209,20 @@ class ShapePacker:
             raise InvalidMeshError(
                 f"must be indices of the {len(vertices)} vertices", field=f"{field}.triangles"
             )
-        return self._packed(vertices, triangles, spheres or DEFAULT_SPHERES, field, wait)
+        return self._packed(vertices, triangles, spheres or SPHERES, field, wait)
 
     def of_primitive(self, message, spheres: int, field: str, wait: bool = True) -> SpherePacking:
         """Return the packing of a primitive; arguments and errors are as in `of_mesh`."""
         size = read_dimensions(message, field)
         if message.type == SolidPrimitive.SPHERE:
-            return _ball(size[SolidPrimitive.SPHERE_RADIUS])
+            return ball(size[SolidPrimitive.SPHERE_RADIUS])
         try:
             vertices, triangles = _mesh(message, size)
         except InvalidMeshError as error:
             raise InvalidMeshError(error.problem, field=f"{field}.{error.field}", value=error.value) from None
         except ImportError as error:
             raise NotSupportedError(f"needs {error.name}, which the node lacks", field=field) from None
-        return self._packed(vertices, triangles, spheres or DEFAULT_SPHERES, field, wait)
+        return self._packed(vertices, triangles, spheres or SPHERES, field, wait)
 
     def _packed(self, vertices, triangles, spheres, field, wait):
         digest = hashlib.sha256(vertices.astype("<f8").tobytes() + triangles.astype("<i8").tobytes())
@@ -372,20 +371,6 @@ def _mesh(message, size):
         cone(radius, height)
         if message.type == SolidPrimitive.CONE
         else primitive("cylinder", (radius, height))
-    )
-
-
-@functools.lru_cache(maxsize=_CACHED_SHAPES)
-def _ball(radius):
-    """Return a packing of a single sphere."""
-    return SpherePacking(
-        name="sphere",
-        centers=np.zeros((1, 3)),
-        radii=np.array([radius]),
-        inertia=0.4 * radius**2 * np.eye(3),
-        volume=4.0 / 3.0 * np.pi * radius**3,
-        origin=np.zeros(3),
-        bounding_radius=radius,
     )
 
 

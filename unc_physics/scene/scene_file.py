@@ -22,6 +22,7 @@ from ..checks.errors import (
 from ..checks.validation import flag, integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import SINK, load_packing
+from ..geometry.primitive_models import SIZES, primitive_model
 from ..spatial.layout import ERROR
 from .action_entries import read_path, read_wrenches
 from .belief import Belief
@@ -48,6 +49,7 @@ _ELEMENT_KEYS = ("name", *_SURFACE_KEYS, "surface_tilt_std", *_MOTION_KEYS)
 _BODY_KEYS = (
     "name",
     "model",
+    "shape",
     "spheres",
     "scale",
     "mass",
@@ -283,10 +285,11 @@ def _body(content, field, models_dir, folder, spheres, meets):
     ``spheres`` and ``meets`` are arguments of `load_shape`, the first one if the file gives no other.
     """
     check_keys(content, _BODY_KEYS, field)
-    for key in ("name", "model"):
+    for key in ("name",) if "shape" in content else ("name", "model"):
         if not isinstance(content.get(key), str) or not content[key]:
+            other = ", or give a shape" if key == "model" else ""
             raise InvalidRequestError(
-                "must be a non-empty text", field=f"{field}.{key}", value=content.get(key)
+                f"must be a non-empty text{other}", field=f"{field}.{key}", value=content.get(key)
             )
     fixed = content.get("fixed", False)
     if not isinstance(fixed, bool):
@@ -314,9 +317,12 @@ def _body(content, field, models_dir, folder, spheres, meets):
                 )
     given = content.get("spheres")
     spheres = spheres if given is None else given
-    model = at_field(
-        field, load_shape, content["model"], spheres, content.get("scale"), models_dir, folder, meets
-    )
+    if "shape" in content:
+        model = _primitive(content, field, spheres, meets)
+    else:
+        model = at_field(
+            field, load_shape, content["model"], spheres, content.get("scale"), models_dir, folder, meets
+        )
     mass = known_mass(content.get("mass"), model, fixed or trajectory is not None, f"{field}.mass")
     surface = _surface(content, field)
     at_rest = False if content.get("at_rest") is None else content["at_rest"]
@@ -339,6 +345,30 @@ def _body(content, field, models_dir, folder, spheres, meets):
     belief = belief.at_center_of_mass(model.origin)
     state = belief.state if trajectory is None else trajectory.states[0]
     return body, state, belief.covariance
+
+
+def _primitive(content, field, spheres, meets):
+    """Return the model of a body with the key ``shape``: a mapping of the shape's name to its sizes."""
+    for key in ("model", "scale"):
+        if content.get(key) is not None:
+            raise InvalidRequestError(
+                "must be absent beside shape", field=f"{field}.{key}", value=content[key]
+            )
+    place, given = f"{field}.shape", content["shape"]
+    if not isinstance(given, dict) or len(given) != 1:
+        raise InvalidRequestError(
+            f"must be a mapping with one key of {', '.join(SIZES)}", field=place, value=given
+        )
+    check_keys(given, SIZES, place)
+    ((kind, sizes),) = given.items()
+    check_keys(sizes, SIZES[kind], f"{place}.{kind}")
+    lengths = {
+        key: read_numbers(value, (3,) if key == "size" else (), f"{place}.{kind}.{key}")
+        for key, value in sizes.items()
+        if value is not None
+    }
+    packing = at_field(f"{place}.{kind}", primitive_model, kind, **lengths)
+    return at_field(field, _cut, packing, *_count_and_sink(spheres, meets))
 
 
 def _trajectory(content, field):
@@ -403,18 +433,23 @@ def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None, me
     if folder is not None and model.endswith(".npz") and not model.startswith("~"):
         model = str(Path(folder) / model)
     path = find_model(model, models_dir)
+    spheres, sink = _count_and_sink(spheres, meets)
+    scale = 1.0 if scale is None else positive(scale, "scale", InvalidModelError)
+    return _cut(_load_packing(path, path.stat().st_mtime_ns), spheres, sink, scale)
+
+
+def _count_and_sink(spheres, meets):
+    """Return the checked number of spheres, and the sink that `AUTO` allows."""
     if isinstance(spheres, str) and spheres != AUTO:
         raise InvalidModelError(f"must be a positive integer or '{AUTO}'", field="spheres", value=spheres)
     if spheres is not None and spheres != AUTO:
         spheres = integer(spheres, "spheres", low=1, error=InvalidModelError)
-    scale = 1.0 if scale is None else positive(scale, "scale", InvalidModelError)
-    sink = SINK if meets else None
-    return _load_shape(path, path.stat().st_mtime_ns, spheres, scale, sink if spheres == AUTO else None)
+    return spheres, SINK if meets and spheres == AUTO else None
 
 
 @functools.lru_cache(maxsize=256)
-def _load_shape(path, changed, spheres, scale, sink):
-    packing = _load_packing(path, changed)
+def _cut(packing, spheres, sink, scale=1.0):
+    """Return the first spheres of a packing, scaled."""
     if spheres is None:
         return packing.scaled(scale)
     if spheres == AUTO:

@@ -1,0 +1,113 @@
+"""Bodies of simple shapes in scene files: a ball is exact, others are packed once."""
+
+import json
+
+import jsonschema
+import numpy as np
+import pytest
+
+from unc_physics import UncPhysicsError, predict, primitive_model
+from unc_physics.cli.schema_command import schema_text
+from unc_physics.geometry import packing, primitive_models
+from unc_physics.scene.scene_file import scene_from_dict
+
+RADIUS = 0.02
+BALL = {
+    "name": "ball",
+    "shape": {"sphere": {"radius": RADIUS}},
+    "mass": 0.1,
+    "position": [0.3, -0.1, RADIUS + 0.05],
+}
+
+
+def scene(**body):
+    return {"physics": "everyday", "environment": [{"plane": {}}], "bodies": [BALL | body]}
+
+
+@pytest.fixture
+def few_spheres(monkeypatch, tmp_path):
+    """Packings of few spheres, in a cache folder of the test's own; returns the list of packings made."""
+    monkeypatch.setattr(primitive_models, "SPHERES", 60)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    primitive_models._packed.cache_clear()
+    made, pack = [], packing.pack_solid
+    monkeypatch.setattr(packing, "pack_solid", lambda *given: made.append(given) or pack(*given))
+    yield made
+    primitive_models._packed.cache_clear()
+
+
+@pytest.mark.parametrize("origin", ["center_of_mass", "model"])
+def test_a_ball_is_one_sphere_about_its_position(origin):
+    loaded = scene_from_dict(scene(origin=origin))
+    (body,) = loaded.scene.bodies
+    assert len(body.model) == 1 and body.model.radii[0] == RADIUS and not body.model.centers.any()
+    np.testing.assert_array_equal(loaded.belief.mean[0, :3], BALL["position"])
+    np.testing.assert_allclose(body.unit_inertia, 0.4 * RADIUS**2 * np.eye(3), rtol=1e-12)
+
+
+def test_a_ball_comes_to_rest_on_its_radius():
+    loaded = scene_from_dict(scene())
+    end = predict(loaded.scene, loaded.belief, "monte_carlo", horizon=1.0).belief.mean[0]
+    assert end[2] == pytest.approx(RADIUS, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sizes", "volume", "inertia"),
+    [
+        ("box", {"size": [0.06, 0.08, 0.1]}, 0.06 * 0.08 * 0.1, (0.08**2 + 0.1**2) / 12.0),
+        ("cylinder", {"radius": 0.03, "length": 0.1}, np.pi * 0.03**2 * 0.1, 0.03**2 / 4.0 + 0.1**2 / 12.0),
+    ],
+)
+def test_other_shapes_are_packed_once(kind, sizes, volume, inertia, few_spheres):
+    model = scene_from_dict(scene(shape={kind: sizes})).scene.bodies[0].model
+    assert model.volume == pytest.approx(volume, rel=5e-3)
+    assert model.inertia[0, 0] == pytest.approx(inertia, rel=5e-3)
+    assert len(few_spheres) == 1
+    primitive_models._packed.cache_clear()  # as in another process
+    again = primitive_model(kind, **sizes)
+    assert len(few_spheres) == 1
+    np.testing.assert_array_equal(again.centers[: len(model)], model.centers)
+
+
+BAD = {
+    "beside a model": ({"model": "pin"}, "bodies[0].model must be absent beside shape"),
+    "with a scale": ({"scale": 2.0}, "bodies[0].scale must be absent beside shape"),
+    "without a mass": ({"mass": None}, "bodies[0].mass must be given"),
+    "no mapping": ({"shape": "sphere"}, "bodies[0].shape must be a mapping with one key of sphere, box, "),
+    "nothing": ({"shape": None}, "bodies[0].shape must be a mapping with one key of"),
+    "two": (
+        {"shape": {"sphere": {"radius": 1}, "box": {"size": [1, 1, 1]}}},
+        "bodies[0].shape must be a mapping",
+    ),
+    "another": (
+        {"shape": {"spere": {"radius": 1}}},
+        "bodies[0].shape has no key 'spere'; did you mean 'sphere'?",
+    ),
+    "no radius": ({"shape": {"sphere": {}}}, "bodies[0].shape.sphere.radius must be given"),
+    "a wrong size": ({"shape": {"sphere": {"size": 1}}}, "bodies[0].shape.sphere has no key 'size'"),
+    "negative": ({"shape": {"sphere": {"radius": -1}}}, "bodies[0].shape.sphere.radius must be positive"),
+    "no number": ({"shape": {"sphere": {"radius": "big"}}}, "bodies[0].shape.sphere.radius must be a number"),
+    "flat": ({"shape": {"box": {"size": [1, 0, 1]}}}, "bodies[0].shape.box.size[1] must be positive"),
+    "too few": ({"shape": {"box": {"size": [1, 1]}}}, "bodies[0].shape.box.size must be a list of 3 numbers"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_wrong_shape_is_told_in_a_sentence(case):
+    entries, sentence = BAD[case]
+    with pytest.raises(UncPhysicsError) as caught:
+        scene_from_dict(scene(**entries))
+    assert str(caught.value).startswith(sentence)
+    schema = jsonschema.Draft202012Validator(json.loads(schema_text("scene")))
+    assert schema.is_valid(scene())
+    if case not in ("without a mass", "with a scale"):  # which a schema does not say
+        assert not schema.is_valid(scene(**entries))
+
+
+def test_a_body_needs_a_model_or_a_shape():
+    content = scene()
+    del content["bodies"][0]["shape"]
+    with pytest.raises(
+        UncPhysicsError, match=r"^bodies\[0\].model must be a non-empty text, or give a shape"
+    ):
+        scene_from_dict(content)

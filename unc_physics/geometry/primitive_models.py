@@ -1,0 +1,108 @@
+"""Models of simple shapes: a ball is one sphere; others are packed once and kept in the user's cache."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+
+import numpy as np
+
+from ..checks.errors import InvalidModelError, NotSupportedError, UncPhysicsError
+from ..checks.names import hint
+from ..checks.validation import FARTHEST, array, positive
+from .library import cache_dir
+from .packing_file import SpherePacking, load_packing, save_packing
+from .primitives import primitive
+
+#: Shapes with the names of their sizes, as in the environment.
+SIZES = {
+    "sphere": ("radius",),
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
+#: Number of spheres of a packed shape.
+SPHERES = 300
+
+
+def primitive_model(shape: str, **size) -> SpherePacking:
+    """Return the model of a sphere, box, cylinder or capsule about its centre.
+
+    A sphere is exact. The others are packed with 300 spheres, which needs the extra ``geometry`` and may take
+    a minute when a size is used for the first time. Afterwards the packing is read from the cache folder.
+
+    Parameters
+    ----------
+    shape : {'sphere', 'box', 'cylinder', 'capsule'}
+    **size
+        ``radius`` of a sphere; ``size`` (3,) of a box, its edge lengths; ``radius`` and ``length`` of a
+        cylinder, or of the straight part of a capsule, along its z axis [m].
+
+    Returns
+    -------
+    SpherePacking
+        Without a mass, so a body needs one.
+
+    Raises
+    ------
+    InvalidModelError
+        If there is no such shape, or a size is missing, unknown or not positive.
+    NotSupportedError
+        If the extra ``geometry`` is not installed.
+    """
+    if shape not in SIZES:
+        raise InvalidModelError(f"is no shape{hint(str(shape), SIZES)}", field="shape", value=shape)
+    for name in size:
+        if name not in SIZES[shape]:
+            raise InvalidModelError(f"is no size of a {shape}{hint(name, SIZES[shape])}", field=name)
+    lengths = []
+    for name in SIZES[shape]:
+        if size.get(name) is None:
+            raise InvalidModelError("must be given", field=name)
+        values = array(size[name], (3,), name, InvalidModelError) if name == "size" else [size[name]]
+        for k, value in enumerate(values):
+            place = f"{name}[{k}]" if name == "size" else name
+            lengths.append(positive(value, place, InvalidModelError))
+            if lengths[-1] > FARTHEST:
+                raise InvalidModelError(f"must be at most {FARTHEST:g} m", field=place, value=value)
+    return ball(lengths[0]) if shape == "sphere" else _packed(shape, tuple(lengths))
+
+
+@functools.lru_cache(maxsize=256)
+def ball(radius: float) -> SpherePacking:
+    """Return the packing of a ball, which is a single sphere; ``radius`` in m."""
+    return SpherePacking(
+        name="sphere",
+        centers=np.zeros((1, 3)),
+        radii=np.array([radius]),
+        inertia=0.4 * radius**2 * np.eye(3),
+        volume=4.0 / 3.0 * np.pi * radius**3,
+        origin=np.zeros(3),
+        bounding_radius=radius,
+    )
+
+
+@functools.lru_cache(maxsize=256)
+def _packed(shape, lengths):
+    """Return the packing of a shape, from the cache folder if it is there."""
+    from .. import __version__
+
+    digest = hashlib.sha256(repr((shape, lengths, SPHERES, __version__)).encode()).hexdigest()[:16]
+    path = cache_dir().parent / "shapes" / f"{shape}_{digest}.npz"
+    if path.is_file():
+        with contextlib.suppress(UncPhysicsError):  # a damaged file is made again
+            return load_packing(path)
+    try:
+        from .packing import pack_solid
+        from .solid_mesh import make_solid
+
+        packing = pack_solid(make_solid(shape, *primitive(shape, lengths)), SPHERES)
+    except ImportError as error:
+        raise NotSupportedError(
+            f"needs {error.name} to be packed: pip install 'unc_physics[geometry]'", field=shape
+        ) from None
+    with contextlib.suppress(OSError):  # without a folder to write to it is packed in each process
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_packing(path, packing)
+    return packing
