@@ -4,6 +4,8 @@ import itertools
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +17,11 @@ from twins.states import boxminus
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.geometry.packing_file import SpherePacking
+from unc_physics.prediction import diagnostics
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnosis import SURE, rollout_spreads
 from unc_physics.prediction.diagnostics import RULES
+from unc_physics.prediction.evidence import spread_factors
 from unc_physics.prediction.marks import mark_at
 from unc_physics.prediction.status import assess, assess_all
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
@@ -136,7 +140,8 @@ def test_a_face_that_lands_by_one_of_its_edges_is_compared_with_rollouts(name):
     (status,) = statuses(scene, belief, name, 0.25)
     assert status.flags == Status.OUTSIDE_VALIDITY and "rollouts spread differently" in status.message
     words = (
-        r"differently, (position by [\d.e-]+ m|rotation by [\d.e-]+ rad) here and by [\d.e-]+ (m|rad) there; "
+        r"differently, (position by [\d.e-]+ m|rotation by [\d.e-]+ rad) here and by [\d.e-]+ (m|rad) there"
+        r"( \(less [^)]*\))?; "
     )
     assert re.search(
         words + r".*\((spread_disagreement|doubtful_contacts) [\d.]+ above 1.\d+\)", status.message
@@ -432,3 +437,17 @@ def test_few_spheres_get_a_note(tmp_path, capsys):
         path.write_text(yaml.safe_dump(content | {"integrator": integrator} | laws))
         assert main(["predict", str(path)]) == 0
         assert ("toy has 100 spheres, which reach up to" in capsys.readouterr().err) is noted
+
+
+def test_the_numbers_of_a_flag_add_up_where_a_spread_is_below_the_floor():
+    scene = SimpleNamespace(moving=np.array([0]))
+    start = SimpleNamespace(shapes=np.array([[0.0, 0.0, 0.0, 0.05]]))
+    blocks, spreads = np.zeros((1, 12, 12)), np.array([[0.0, 0.819]])
+    factors = spread_factors(SimpleNamespace(bodies=[None], moving=scene.moving), start, blocks, spreads)
+    snapshot = SimpleNamespace(belief=SimpleNamespace(blocks=blocks))
+    evidence: Any = SimpleNamespace(
+        scene=scene, start=start, snapshot=snapshot, spreads=spreads, factors=factors
+    )
+    said = diagnostics._spreads_apart(evidence, 0)
+    assert said == "rotation by 0 rad here and by 0.819 rad there (less than 0.0001 rad counts as this much)"
+    assert factors[0, 1] == pytest.approx(0.819 / 0.0001)

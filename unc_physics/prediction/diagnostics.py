@@ -27,7 +27,7 @@ from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
 from .conservation_checks import penetration_share as inside_share
-from .evidence import Evidence, kinetic_moments
+from .evidence import Evidence, kinetic_moments, spread_floors
 from .rare_outcomes import MATTER, tail_factor
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
@@ -141,7 +141,9 @@ def _spreads_apart(evidence, body):
     place = int(np.searchsorted(evidence.scene.moving, body))
     own, other = pose_spreads(evidence.snapshot.belief.blocks)[place], evidence.spreads[place]
     k = int(np.argmax(evidence.factors[body]))
-    return f"{_QUANTITIES[k]} by {own[k]:.3g} {_UNITS[k]} here and by {other[k]:.3g} {_UNITS[k]} there"
+    unit, floor = _UNITS[k], spread_floors(evidence.start, body)[k]
+    less = f" (less than {floor:.3g} {unit} counts as this much)" if min(own[k], other[k]) < floor else ""
+    return f"{_QUANTITIES[k]} by {own[k]:.3g} {unit} here and by {other[k]:.3g} {unit} there{less}"
 
 
 def _uneven_quantity(evidence, body):

@@ -36,30 +36,51 @@ if TYPE_CHECKING:
 
 _DRAWN = 40  # states of a belief whose overlaps are kept
 _SEED = 0  # of their draws: the same question has the same status
-_NOTHING = 1e-4  # of the body's radius, and in rad: spreads below it agree, as contacts are no more accurate
+#: Floor of spreads that are compared, of the body's radius and in rad: contacts are no more accurate.
+_SPREAD_FLOOR = 1e-4
 _NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
 _USUAL = 0.95  # quantile of the overlaps of a belief's states
 _shapes = WeakKeyDictionary()
 
 
 class InitialDiagnostics(NamedTuple):
-    """What all times share: of each body (B,), or of each of the M moving ones."""
+    """Diagnostics of the start, which all times share.
 
-    mean: np.ndarray  # (B, 13)
-    blocks: np.ndarray  # (M, 12, 12)
-    mass: np.ndarray  # (B,), 0 of a fixed body [kg]
-    shapes: (
-        np.ndarray
-    )  # (B, 4): least and largest inertia over mass [m^2], largest sphere's radius, the body's [m]
-    overlap: np.ndarray  # (B,) [m]
-    energy: np.ndarray  # (B,), from above [J]
-    least_energy: np.ndarray  # (B,), kinetic, from below [J]: less what the samples' mean may differ by
-    samples: (
-        float | None
-    )  # that a belief is the mean of: infinite where they are chosen instead of drawn; None for one
-    directions: np.ndarray | None  # (M,), that points are spread along; None without such points
-    found: Any  # what points or samples learned of their own beginning; None for the explicit integrator
-    kept_overlaps: np.ndarray  # (B, B + E), overlap of each pair that could not be removed, the deepest [m]
+    Attributes
+    ----------
+    mean : (B, 13) array
+    blocks : (M, 12, 12) array
+        Covariance of each moving body.
+    mass : (B,) array
+        0 of a fixed body [kg].
+    shapes : (B, 4) array
+        Least and largest inertia over mass [m^2], radius of the largest sphere, and bounding radius [m].
+    overlap : (B,) array
+        [m]
+    energy, least_energy : (B,) array
+        Upper bound of the energy, and lower bound of the kinetic energy [J]; the latter allows for the
+        sampling error of the mean.
+    samples : float or None
+        Number of samples that a belief is the mean of; infinite for chosen points, None for a single rollout.
+    directions : (M,) array or None
+        Number of directions along which points are spread; None without points.
+    found : InitialAdjustment or None
+        Adjustments of points or samples at time 0; None for the explicit integrator.
+    kept_overlaps : (B, B + E) array
+        Deepest overlap of each pair that could not be removed [m].
+    """
+
+    mean: np.ndarray
+    blocks: np.ndarray
+    mass: np.ndarray
+    shapes: np.ndarray
+    overlap: np.ndarray
+    energy: np.ndarray
+    least_energy: np.ndarray
+    samples: float | None
+    directions: np.ndarray | None
+    found: Any
+    kept_overlaps: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,8 +277,8 @@ def _sigma_point_asymmetries(scene, start, points):
     result = np.ones((len(scene.bodies), 2))
     forth, back = points
     for k, body in enumerate(scene.moving):
-        nothing = _NOTHING * start.shapes[body, 3], _NOTHING
-        for c, (block, floor) in enumerate(zip((ERR_POSITION, ERR_ROTATION), nothing, strict=True)):
+        floors = spread_floors(start, body)
+        for c, (block, floor) in enumerate(zip((ERR_POSITION, ERR_ROTATION), floors, strict=True)):
             odd = 0.5 * (forth[:, k, block] - back[:, k, block])
             even = 0.5 * (forth[:, k, block] + back[:, k, block])
             shift = even.sum(axis=0) / (len(even) + 0.5)
@@ -268,11 +289,17 @@ def _sigma_point_asymmetries(scene, start, points):
     return result
 
 
+def spread_floors(start: InitialDiagnostics, body) -> np.ndarray:
+    """(..., 2): position [m] and rotation [rad] of some bodies below which spreads count as equal."""
+    radius = start.shapes[body, 3]
+    return np.stack([_SPREAD_FLOOR * radius, np.full(np.shape(radius), _SPREAD_FLOOR)], axis=-1)
+
+
 def spread_factors(scene, start, blocks, spreads):
     """(B, 2): factors between predicted and sampled standard deviations of position and rotation."""
-    nothing = np.column_stack([_NOTHING * start.shapes[scene.moving, 3], np.full(len(blocks), _NOTHING)])
-    predicted = np.maximum(pose_spreads(blocks), nothing)
-    found = np.where(np.isfinite(spreads), np.maximum(spreads, nothing), math.inf)
+    floors = spread_floors(start, scene.moving)
+    predicted = np.maximum(pose_spreads(blocks), floors)
+    found = np.where(np.isfinite(spreads), np.maximum(spreads, floors), math.inf)
     result = np.ones((len(scene.bodies), 2))
     result[scene.moving] = np.maximum(predicted / found, found / predicted)
     return result

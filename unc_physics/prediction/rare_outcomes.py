@@ -19,7 +19,7 @@ WIDE_ROLLOUTS = 24
 MATTER = 1.4
 _FAR = 8.0  # standard deviations, that wide rollouts of what responds linearly do not reach
 #: Spreads below which there is none [m], [rad]: contacts give way by as much.
-_NOTHING = 5e-5, 1e-3
+_SPREAD_FLOORS = 5e-5, 1e-3
 
 
 def tail_factor(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
@@ -33,7 +33,7 @@ def tail_factor(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
     wide : (R, B, 13) array
         States at the same time, of rollouts that began with `balanced_monte_carlo.WIDE` times the spread.
     """
-    spreads = np.maximum(pose_spreads(belief.blocks), _NOTHING)
+    spreads = np.maximum(pose_spreads(belief.blocks), _SPREAD_FLOORS)
     result = np.ones(len(scene.bodies))
     for k, body in enumerate(scene.moving.tolist()):
         states, mean = wide[:, body], belief.mean[body]

@@ -27,7 +27,7 @@ _WEIGHTS = ((ERR_POSITION, 1.0), (ERR_VELOCITY, 0.5), (ERR_ROTATION, 1.0), (ERR_
 #: Standard deviations below which a block of an outcome is constant: of the body's radius, or rad.
 _CONSTANT = 1e-6
 _DIVERGED = 1e100
-_NOTHING = np.empty((0, 0)), np.empty((0, 0))
+_UNCORRELATED = np.empty((0, 0)), np.empty((0, 0))
 _RANK = 1e-12  # relative variances that are none
 _WIDEST = 2.0  # times, that columns of a covariance are scaled by at most
 #: Error over variance above which there is no surface.
@@ -203,7 +203,7 @@ def belief_of(runs: Runs, scene: Scene) -> Belief:
         elif _spread(runs, scene, group):
             found = _moments(runs, scene, group, ends)
             own = spread_states(found.mean, np.arange(len(bodies)), found.shift[None])[0]
-            covariance, along = found.covariance, _along(runs, scene, found) if joint else _NOTHING
+            covariance, along = found.covariance, _along(runs, scene, found) if joint else _UNCORRELATED
             reduced = found.fit.reduced
             if reduced is not None and reduced.common.shape[1]:
                 course = course_of(scene.world, runs.step)

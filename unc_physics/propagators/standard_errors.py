@@ -14,7 +14,7 @@ from .emission import Moments, Runs, moments
 #: its mean is less sure; and in how many parts rollouts are left out to see by how much.
 _WIDE, _PARTS = 1.0, 8
 #: Spreads below which there is none to know [m], [rad]: contacts give way by as much.
-_NOTHING = 5e-5, 1e-3
+_SPREAD_FLOORS = 5e-5, 1e-3
 
 
 def surface_errors(runs: Runs, scene: Scene) -> np.ndarray:
@@ -42,7 +42,7 @@ def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
         own = found.errors.reshape(number, -1, ERROR)
         left = found.left_out.reshape(len(found.left_out), -1, ERROR)
         for block, mean, spread, nothing in zip(
-            (ERR_POSITION, ERR_ROTATION), of_mean, of_spread, _NOTHING, strict=True
+            (ERR_POSITION, ERR_ROTATION), of_mean, of_spread, _SPREAD_FLOORS, strict=True
         ):
             squares = (own[:, :, block] ** 2).sum(axis=2)
             variance = squares.mean(axis=0)
