@@ -58,7 +58,7 @@ setup(
         *shared("examples/scenes", "*.yaml"),
         *shared("examples/tosses", "*"),
         *shared("launch", "*.py"),
-        *shared("config", "*.yaml", "*.rviz"),
+        *shared("config", "*.yaml", "*.rviz", "*.xml"),
     ],
     install_requires=["numba>=0.60,<0.69", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
     extras_require={

@@ -345,7 +345,12 @@ def undocumented_names() -> set[str]:
 
 def interface_page(title: str, *folders: str) -> str:
     """Return the fields of the interfaces of some folders of ``unc_physics_msgs``, with their comments."""
-    lines = [f"# {title}", "", "`ros2 interface show unc_physics_msgs/KIND/NAME` prints the same text.", ""]
+    lines = [
+        f"# {title}",
+        "",
+        "`ros2 interface show --all-comments unc_physics_msgs/KIND/NAME` prints the same.",
+        "",
+    ]
     for folder in folders:
         for path in sorted((ROOT / "unc_physics_msgs" / folder).iterdir()):
             lines += _interface(path)

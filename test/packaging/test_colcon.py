@@ -70,6 +70,12 @@ def run_sourced(program, installed, folder, env):
     return run(["bash", "-c", f"source {installed}/setup.bash && exec python {script}"], cwd=folder, env=env)
 
 
+def test_the_readme_has_the_command():
+    command = " ".join(["colcon build", *LAYOUTS["repository"][1]])
+    assert command in (ROOT / "README.md").read_text()
+    assert command in (ROOT / "docs" / "how-to" / "install.md").read_text()
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_colcon_finds_both_packages(layout, tmp_path):
     sources, base_paths = LAYOUTS[layout]

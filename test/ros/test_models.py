@@ -1,7 +1,10 @@
 """Models: listed, loaded and packed at run time; and what else the node offers."""
 
+import fnmatch
 import re
 import shutil
+import time
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -123,8 +126,57 @@ def advertised(graph):
     own += graph.get_subscriber_names_and_types_by_node("models", "/")
     names = {name.removeprefix("/models/") for name, _ in own if name.startswith("/models/")}
     return {
-        name.partition("/_action")[0] for name in names if not re.search(r"parameter|type_description", name)
+        re.split("/_action|/_service_event", name)[0]
+        for name in names
+        if not re.search(r"parameter|type_description", name)
     }
+
+
+POLICY = ET.parse(Path(__file__).resolve().parents[2] / "config" / "sros2_policy.xml")
+
+
+def permitted(kind, **permission):
+    """Names that the policy permits the node, as patterns, with the name of the node here."""
+    (attribute, value) = next(iter(permission.items()))
+    profile = POLICY.find("./enclaves/enclave[@path='/unc_physics']/profiles/profile")
+    names = [
+        entry.text for group in profile.findall(kind) if group.get(attribute) == value for entry in group
+    ]
+    return [name.replace("~", "/models") if name.startswith("~") else f"/{name}" for name in names]
+
+
+@pytest.mark.parametrize(
+    ("kind", "permission", "listed_by"),
+    [
+        ("topics", "publish", "get_publisher_names_and_types_by_node"),
+        ("topics", "subscribe", "get_subscriber_names_and_types_by_node"),
+        ("services", "reply", "get_service_names_and_types_by_node"),
+        ("services", "request", "get_client_names_and_types_by_node"),
+    ],
+)
+def test_the_policy_permits_what_the_node_does(node, client, kind, permission, listed_by):
+    patterns = permitted(kind, **{permission: "ALLOW"})
+    wait_until(lambda: "predict_long" in advertised(client.node))
+    names = {name for name, _ in getattr(client.node, listed_by)("models", "/")}
+    own = {name for name in names if "/_action/" not in name}
+    assert permitted("actions", execute="ALLOW") == ["/models/predict_long"]
+    assert not [name for name in own if not any(fnmatch.fnmatch(name, pattern) for pattern in patterns)]
+
+
+def test_a_client_of_the_policy_may_not_load_models():
+    profile = POLICY.find("./enclaves/enclave[@path='/unc_physics_client']/profiles/profile")
+    names = {entry.text for group in profile for entry in group}
+    assert "/unc_physics/predict" in names and not any("load" in name or "set_" in name for name in names)
+
+
+def test_services_tell_who_called_them(node, client):
+    """By service introspection, which ros2 service echo shows."""
+    with Inbox(client, ListModels.Event, "/models/list_models/_service_event") as inbox:
+        wait_until(lambda: client.node.count_publishers("/models/list_models/_service_event") > 0)
+        time.sleep(0.2)
+        client.call(ListModels, "/models/list_models", ListModels.Request())
+        event = inbox.next()
+        assert event.info.event_type == event.info.REQUEST_RECEIVED and not event.request
 
 
 def test_every_topic_service_and_action_is_in_the_document(node, client):

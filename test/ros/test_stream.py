@@ -8,16 +8,29 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, wait_until
 from scenes import POSITION_STD, diagonal, good_request, moving_object, numbers_of, position_of
+from shape_msgs.msg import Plane
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from unc_physics.ros.environment import NodeEnvironment
 from unc_physics.ros.messages.fields import seconds
+from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.streams import LatestWorker, scene_of_detections, topic_name
-from unc_physics_msgs.msg import PredictedObject, Prediction, Scene
+from unc_physics.ros.pace import Pace
+from unc_physics.ros.parameters import Settings
+from unc_physics.ros.streams import (
+    LatestWorker,
+    StreamedScene,
+    prepared,
+    request_of,
+    scene_of_detections,
+    topic_name,
+)
+from unc_physics.ros.transforms import transforms
+from unc_physics_msgs.msg import EnvironmentElement, PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]
 AHEAD = 20.0  # s, of stamps before now: the horizon has not passed, however slow the machine
@@ -240,7 +253,7 @@ def test_what_waits_is_replaced_by_what_is_newer():
     assert len(replaced) == 2
 
 
-def detection(make, class_scores, name="", x=0.0):
+def detection(make, class_scores, name="", x=0.0, frame=""):
     """A vision_msgs/Detection3D; ``make`` makes its parts by the names of their types."""
     results = []
     for class_id, score in class_scores:
@@ -253,7 +266,7 @@ def detection(make, class_scores, name="", x=0.0):
                 pose=pose,
             )
         )
-    return make("Detection3D", results=results, id=name)
+    return make("Detection3D", header=Header(frame_id=frame), results=results, id=name)
 
 
 def detections(make):
@@ -272,7 +285,8 @@ def detections(make):
 
 def test_the_scene_of_detections():
     message = detections(lambda kind, **parts: SimpleNamespace(**parts))
-    found = scene_of_detections(message, ModelLibrary(), 1.0)
+    found, skipped = scene_of_detections(message, ModelLibrary(), 1.0)
+    assert skipped == {"detection_1": "detections[1].results must name a model: it is empty"}
     assert found.header.frame_id == "world"
     assert [(state.id, state.model) for state in found.objects] == [
         ("the can", "can"),
@@ -282,6 +296,87 @@ def test_the_scene_of_detections():
     assert found.objects[1].pose.position.x == 1.0
     assert all(state.belief.twist_covariance[0] == -1.0 for state in found.objects)
     assert all(state.mass == 0.0 for state in found.objects)  # the models'
+
+
+def test_frames_of_detections_count_where_the_array_has_none():
+    def make(kind, **parts):
+        return SimpleNamespace(**parts)
+
+    message = detections(make)
+    message.header.frame_id = ""
+    for own, frame in zip(message.detections, ("", "", "camera", "wrist"), strict=True):
+        own.header.frame_id = frame
+    found, skipped = scene_of_detections(message, ModelLibrary(), 1.0)
+    assert found.header.frame_id == "camera"
+    assert [state.id for state in found.objects] == ["the can", "brick_2"]
+    assert skipped["teapot_3"] == (
+        "detections[3].header.frame_id must be that of the other detections, 'camera' (got 'wrist')"
+    )
+    message.header.frame_id = "base"
+    found, skipped = scene_of_detections(message, ModelLibrary(), 1.0)
+    assert found.header.frame_id == "base" and len(found.objects) == 3
+
+
+def test_one_bad_detection_is_left_out_alone():
+    message = detections(lambda kind, **parts: SimpleNamespace(**parts))
+    message.detections[2].results[0].pose.pose.position.x = float("nan")
+    message.detections[3].results[0].pose.pose.orientation.w = 0.0
+    library, settings = ModelLibrary(), Settings()
+    scene, skipped = scene_of_detections(message, library, 1.0)
+    streamed = StreamedScene(scene, True, Pace(), skipped=skipped)
+    frames = SimpleNamespace(to_world=lambda header: None)
+    environment = NodeEnvironment()
+    floor = EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
+    environment.set([floor])
+    scene, skipped = prepared(streamed, frames, environment, library, settings)
+    found = read_request(request_of(scene, settings), settings, library, frames)
+    assert [body.name for body in found.scene.bodies] == ["the can"]
+    reasons = found.skipped | skipped
+    assert list(reasons) == ["brick_2", "teapot_3", "detection_1"]
+    assert "pose.position must be finite (got nan)" in reasons["brick_2"]
+
+
+def test_what_holds_no_valid_object_is_answered_by_an_empty_prediction(publish, listener):
+    empty, bad = scene(listener), scene(listener)
+    empty.objects = []
+    for own in bad.objects:
+        own.mass = -1.0
+    answers = [answer_to(one, publish, listener) for one in (empty, bad)]
+    assert all(not message.objects and message.header.frame_id == "world" for message in answers)
+    assert [pair.key for pair in answers[1].skipped] == ["left/1", "right"]
+
+
+def test_quality_of_service_can_be_overridden(listener):
+    topic = "/quality/predictions"
+    override = f"qos_overrides.{topic}.publisher.reliability:=best_effort"
+    with NodeProcess("-p", override, "-p", "warm_up:=['']", name="quality") as process:
+        wait_until(lambda: listener.node.get_publishers_info_by_topic(topic))
+        (info,) = listener.node.get_publishers_info_by_topic(topic)
+        assert info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        assert "has no effect" not in process.output
+
+
+def test_transforms_of_predicted_poses():
+    header = Header(frame_id="world")
+    header.stamp.sec = 7
+    pose = PoseWithCovariance()
+    pose.pose.position.x, pose.pose.orientation.z, pose.pose.orientation.w = 0.3, 0.6, 0.8
+    (found,) = transforms(header, {"can": pose})
+    assert (found.header, found.child_frame_id) == (header, "can_predicted")
+    assert found.transform.translation.x == 0.3 and found.transform.rotation == pose.pose.orientation
+
+
+def test_predicted_poses_are_on_tf(listener):
+    messages = pytest.importorskip("tf2_msgs.msg", reason="needs tf2_msgs, which is not on PyPI")
+    parameters = ("horizons:=[0.5]", "pose_horizon:=0.5", "publish_tf:=true", "warm_up:=[cloud]")
+    options = [part for parameter in parameters for part in ("-p", parameter)]
+    with NodeProcess(*options, name="on_tf"), Inbox(listener, messages.TFMessage, "/tf") as inbox:
+        sent = scene(listener)
+        publisher = listener.node.create_publisher(Scene, "/on_tf/scene", qos_profile_sensor_data)
+        wait_until(lambda: publisher.get_subscription_count() > 0)
+        publisher.publish(sent)
+        names = {one.child_frame_id for one in inbox.next().transforms}
+        assert names == {"left/1_predicted", "right_predicted"}
 
 
 def test_detections_are_predicted(node, listener):

@@ -14,6 +14,7 @@ import numpy as np
 from unc_physics_msgs.msg import Environment, Scene
 
 from ..checks.errors import UncPhysicsError
+from ..checks.validation import array, quaternion
 from ..scene.environment import Element
 from ..scene.stiffness import AUTO
 from ..spatial.rotation import rotation_matrix
@@ -176,9 +177,10 @@ def _body(own, library, settings) -> _Body:
         pack = library.shape_packer.of_primitive if own.primitive.type else library.shape_packer.of_mesh
         shape = own.primitive if own.primitive.type else own.mesh
         model = pack(shape, own.spheres, own.id, False).scaled(own.scale or 1.0)
-    position, R = np.array(xyz(own.pose.position)), rotation_matrix(np.array(xyzw(own.pose.orientation)))
+    position = array(xyz(own.pose.position), (3,), "position")
+    R = rotation_matrix(quaternion(xyzw(own.pose.orientation), "orientation"))
     centers = position + (model.centers[:_SPHERES] - model.origin) @ R.T
-    P = np.reshape(np.asarray(own.belief.pose_covariance, float), (6, 6))
+    P = array(own.belief.pose_covariance, (36,), "pose_covariance").reshape(6, 6)
     defaults = settings.covariance_defaults
     if P[0, 0] == UNKNOWN or not (P.any() or defaults.zero_is_exact):
         P = defaults.pose

@@ -229,6 +229,11 @@ class Settings:
     pose_horizon: float = parameter(
         1.0, "Which of the horizons those poses are predicted for [s].", low=0.0, high=1e6
     )
+    publish_tf: bool = parameter(
+        False,
+        "Whether the poses of all streamed objects at that horizon are published on /tf, too, as frames "
+        "ID_predicted in the world frame with the stamp of the scene. Needs tf2_msgs.",
+    )
     tracked_topics: tuple[str, ...] = parameter(
         ("",), "Topics of PoseWithCovarianceStamped, each of a single tracked object.", read_only=True
     )
@@ -244,6 +249,14 @@ class Settings:
         "Probability with which each box of ~/occupancy and ~/occupancy_scene contains its object.",
         low=0.0,
         high=0.999999,
+    )
+
+    service_introspection: str = parameter(
+        "metadata",
+        "What services publish on ~/SERVICE/_service_event of each call: nothing ('disabled'), who called "
+        "and when ('metadata'), or requests and answers, too ('contents').",
+        choices=("disabled", "metadata", "contents"),
+        read_only=True,
     )
 
     markers: tuple[str, ...] = parameter(

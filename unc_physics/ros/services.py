@@ -21,7 +21,8 @@ from diagnostic_msgs.msg import KeyValue
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import QoSProfile
+from rclpy.qos import QoSProfile, qos_profile_services_default
+from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from unc_physics_msgs.action import PredictLong
@@ -65,6 +66,19 @@ _RESULT_TIMEOUT = 10  # s, for which a result can be fetched; rclpy would keep i
 _GUID, _GUID_PREFIX = 16, 12  # bytes of the id of an endpoint, and of its participant
 
 
+_INTROSPECTION = {
+    "disabled": ServiceIntrospectionState.OFF,
+    "metadata": ServiceIntrospectionState.METADATA,
+    "contents": ServiceIntrospectionState.CONTENTS,
+}
+
+
+def introspect(service, server) -> None:
+    """Have a service publish events of its calls, as the parameter ``service_introspection`` says."""
+    state = _INTROSPECTION[server.settings.service_introspection]
+    service.configure_introspection(server.node.get_clock(), qos_profile_services_default, state)
+
+
 class BackgroundService:
     """Service that computes and sends answers in a thread pool.
 
@@ -95,6 +109,7 @@ class BackgroundService:
         self._service = server.node.create_service(
             service_type, name, self._called, qos_profile=_QUEUE, callback_group=ReentrantCallbackGroup()
         )
+        introspect(self._service, server)
         self._send = self._service.send_response
         self._service.send_response = self._returned
 
@@ -210,6 +225,7 @@ class CapabilitiesService:
     def __init__(self, server):
         self._server = server
         self._service = server.node.create_service(GetCapabilities, "~/get_capabilities", self._answer)
+        introspect(self._service, server)
 
     def close(self):
         """Withdraw the service."""

@@ -7,8 +7,9 @@ import copy
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import KeyValue
@@ -16,6 +17,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
 from unc_physics_msgs.msg import ObjectState, Physics, Prediction, PredictionRequest, Result, Scene
@@ -28,19 +30,24 @@ from .messages.fields import duration, seconds
 from .messages.frames import Frames
 from .messages.prediction import write_answer
 from .messages.request import read_request
-from .messages.scene import UNKNOWN
+from .messages.scene import UNKNOWN, AllSkippedError
 from .models import ModelLibrary
 from .occupancy import OccupancyTopics
 from .pace import Pace
 from .parameters import ParameterServer, Settings
+from .transforms import TransformTopic
 
 _SAME_TIME = 1e-6  # s
 _REPORT_PERIOD = 5.0  # s, between warnings in the log
 # best effort matches all publishers, including sensors
-_NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_NEWEST = {"depth": 1, "reliability": ReliabilityPolicy.BEST_EFFORT}
+#: Depth, history and reliability have parameters such as ``qos_overrides./TOPIC.subscription.depth``.
+_OVERRIDABLE = QoSOverridingOptions.with_default_policies()
 _WAITING = 16  # scenes that wait for a transform at a time
 _SHORTEST = 1e-3  # s, time limit of a scene that is nearly too old
 _SEED = 1  # equal for all scenes, so that equal scenes have equal predictions
+
+_NONE: Mapping[str, str] = MappingProxyType({})
 
 
 class StreamedScene(NamedTuple):
@@ -56,12 +63,15 @@ class StreamedScene(NamedTuple):
         Of the scene's source.
     problem : UncPhysicsError or None
         Reason why the scene cannot be predicted.
+    skipped : dict of str
+        Reasons of omitted objects, by id.
     """
 
     scene: Scene
     detected: bool
     pace: Pace
     problem: UncPhysicsError | None = None
+    skipped: Mapping[str, str] = _NONE
 
 
 class Stream:
@@ -70,7 +80,10 @@ class Stream:
     def __init__(self, server):
         self._server = server
         node = server.node
-        self._predictions = node.create_publisher(Prediction, "~/predictions", 1)
+        self._predictions = node.create_publisher(
+            Prediction, "~/predictions", 1, qos_overriding_options=_OVERRIDABLE
+        )
+        self._transforms = TransformTopic(server)
         self._markers = MarkerTopic(server, "~/stream_markers")
         self._occupancy = OccupancyTopics(server)
         self._poses = {}
@@ -86,6 +99,7 @@ class Stream:
             node.destroy_publisher(publisher)
         self._markers.close()
         self._occupancy.close()
+        self._transforms.close()
 
     def _work(self, streamed):
         """Predict a scene, and adapt the rollouts of later ones to the time that it took."""
@@ -109,9 +123,13 @@ class Stream:
             if self._is_over(header.stamp):
                 return
             job = None
-            if scene.objects:
-                job = self._job(streamed, scene, limit, settings)
-                job = job._replace(skipped=job.skipped | skipped)
+            try:
+                if scene.objects:
+                    job = self._job(streamed, scene, limit, settings)
+                    job = job._replace(skipped=job.skipped | skipped)
+            except AllSkippedError as error:
+                skipped = error.skipped | skipped
+            if job is not None:
                 try:
                     write_answer(message, header, settings, job, server.predict(job))
                 except PredictionTimeoutError:
@@ -174,14 +192,18 @@ class Stream:
         self._server.log.warning(text, throttle_duration_sec=_REPORT_PERIOD)
 
     def _publish_poses(self, message, settings):
-        for predicted in message.objects:
-            if predicted.id not in settings.pose_objects:
-                continue
-            for state in predicted.states:
-                if abs(seconds(state.time_from_start) - settings.pose_horizon) < _SAME_TIME:
-                    self._pose_publisher(predicted.id).publish(
-                        PoseWithCovarianceStamped(header=message.header, pose=state.pose)
-                    )
+        poses = {
+            predicted.id: state.pose
+            for predicted in message.objects
+            for state in predicted.states
+            if abs(seconds(state.time_from_start) - settings.pose_horizon) < _SAME_TIME
+        }
+        for name in poses.keys() & set(settings.pose_objects):
+            self._pose_publisher(name).publish(
+                PoseWithCovarianceStamped(header=message.header, pose=poses[name])
+            )
+        if settings.publish_tf:
+            self._transforms.publish(message.header, poses)
 
     def _pose_publisher(self, name):
         if name not in self._poses:
@@ -225,9 +247,8 @@ class SceneTopics:
         self._waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
         self._sources: list[_Source] = []
         self._tracked: dict[str, Any] = {}  # header and state of each topic's newest pose
-        self._subscriptions = [
-            node.create_subscription(Scene, f"{under}/scene", self._source(detected=False).put, _NEWEST)
-        ]
+        self._subscriptions = []
+        self._subscribe(Scene, f"{under}/scene", self._source(detected=False).put)
         settings = parameters.settings
         topics = [
             pair for pair in zip(settings.tracked_topics, settings.tracked_models, strict=True) if pair[0]
@@ -235,13 +256,10 @@ class SceneTopics:
         if topics:
             self._of_trackers = self._source(detected=True)
         for topic, model in topics:
-            self._subscriptions.append(
-                node.create_subscription(
-                    PoseWithCovarianceStamped,
-                    topic,
-                    lambda message, topic=topic, model=model: self._track(topic, model, message),
-                    _NEWEST,
-                )
+            self._subscribe(
+                PoseWithCovarianceStamped,
+                topic,
+                lambda message, topic=topic, model=model: self._track(topic, model, message),
             )
         try:
             from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
@@ -249,13 +267,19 @@ class SceneTopics:
             pass
         else:
             self._of_detectors = self._source(detected=True)
-            self._subscriptions.append(
-                node.create_subscription(Detection3DArray, f"{under}/detections", self._detect, _NEWEST)
-            )
+            self._subscribe(Detection3DArray, f"{under}/detections", self._detect)
         threshold = JumpThreshold(
             min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
         )
         self._jumps = node.get_clock().create_jump_callback(threshold, post_callback=self._jumped)
+
+    def _subscribe(self, kind, topic, callback):
+        profile = QoSProfile(**_NEWEST)  # of its own, as overriding changes it
+        self._subscriptions.append(
+            self._node.create_subscription(
+                kind, topic, callback, profile, qos_overriding_options=_OVERRIDABLE
+            )
+        )
 
     def _source(self, detected):
         self._sources.append(_Source(detected, self._frames, self._waiting, self._work, self._replaced))
@@ -296,8 +320,7 @@ class SceneTopics:
     def _detect(self, detections):
         """Pass on the scene of all detections."""
         settings = self._parameters.settings
-        if (scene := scene_of_detections(detections, self._library, settings.tracked_mass)).objects:
-            self._of_detectors.put(scene)
+        self._of_detectors.put(*scene_of_detections(detections, self._library, settings.tracked_mass))
 
 
 class _Source:
@@ -313,11 +336,11 @@ class _Source:
     def close(self):
         self._worker.close()
 
-    def put(self, scene):
+    def put(self, scene, skipped=_NONE):
         """Pass on a scene once its transform is there, unless a later one is faster."""
         self.pace.arrived()
         self._arrived += 1
-        streamed = StreamedScene(scene, self._detected, self.pace)
+        streamed = StreamedScene(scene, self._detected, self.pace, skipped=skipped)
         if self._frames.is_world(scene.header.frame_id):
             self._pass(streamed, self._arrived)
         else:
@@ -360,8 +383,8 @@ def prepared(
     if streamed.problem is not None:
         raise streamed.problem
     scene = streamed.scene
-    if not streamed.detected:
-        return scene, {}
+    if not streamed.detected or not scene.objects:
+        return scene, dict(streamed.skipped)
     falls = settings.integrator == "implicit" and any(settings.gravity)
     if falls and not environment.is_set:
         raise InvalidEnvironmentError(
@@ -371,7 +394,8 @@ def prepared(
     if (transform := frames.to_world(scene.header)) is not None:
         scene = transform.scene(scene)
         scene.header = Header(stamp=scene.header.stamp)
-    return settle_detected(scene, environment.message, library, settings)
+    scene, skipped = settle_detected(scene, environment.message, library, settings)
+    return scene, skipped | streamed.skipped
 
 
 class LatestWorker:
@@ -454,23 +478,36 @@ def stamp_problem(node, stamp, settings) -> str | None:
     return f"its stamp is {what}; do all clocks agree, and all nodes have the same use_sim_time?"
 
 
-def scene_of_detections(detections, library, mass) -> Scene:
-    """Return the scene of a Detection3DArray.
+def scene_of_detections(detections, library, mass) -> tuple[Scene, dict[str, str]]:
+    """Return the scene of a Detection3DArray, and the reasons of omitted detections by their names.
 
-    The best hypothesis of each detection names its model; detections without hypotheses are omitted.
+    The best hypothesis of each detection names its model. If the array has no frame, it is that of the first
+    detection with one; detections in other frames, and those without hypotheses, are omitted.
     """
-    objects, names = [], set()
+    objects, skipped = [], {}
+    header, own_frames = detections.header, not detections.header.frame_id
+    if own_frames:
+        frames = (detection.header.frame_id for detection in detections.detections)
+        header = Header(stamp=header.stamp, frame_id=next(filter(None, frames), ""))
+    names = set()
     for k, detection in enumerate(detections.detections):
-        if detection.results:
-            best = max(detection.results, key=lambda result: result.hypothesis.score)
-            name = detection.id or f"{best.hypothesis.class_id}_{k}"
-            if name in names:  # some detectors write the class into the id
-                name = f"{name}_{k}"
-            names.add(name)
-            objects.append(
-                _object_of_unknown_velocity(name, best.hypothesis.class_id, best.pose, library, mass)
+        best = max(detection.results, key=lambda result: result.hypothesis.score, default=None)
+        name = detection.id or (f"detection_{k}" if best is None else f"{best.hypothesis.class_id}_{k}")
+        if name in names:  # some detectors write the class into the id
+            name = f"{name}_{k}"
+        names.add(name)
+        frame = detection.header.frame_id if own_frames else ""
+        if best is None:
+            skipped[name] = f"detections[{k}].results must name a model: it is empty"
+        elif frame not in ("", header.frame_id):
+            skipped[name] = (
+                f"detections[{k}].header.frame_id must be that of the other detections, '{header.frame_id}'"
+                f" (got '{frame}')"
             )
-    return Scene(header=detections.header, objects=objects)
+        else:
+            model = best.hypothesis.class_id
+            objects.append(_object_of_unknown_velocity(name, model, best.pose, library, mass))
+    return Scene(header=header, objects=objects), skipped
 
 
 def _object_of_unknown_velocity(name, model, pose, library, mass):

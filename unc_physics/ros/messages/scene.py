@@ -115,6 +115,21 @@ class ReadScene(NamedTuple):
     skipped: dict[str, str]
 
 
+class AllSkippedError(NoObjectsError):
+    """A scene all of whose objects were omitted.
+
+    Attributes
+    ----------
+    skipped : dict of str
+        Reasons of the objects, by id.
+    """
+
+    def __init__(self, skipped: dict[str, str]):
+        self.skipped = skipped
+        problem = f"must hold at least one valid object: {next(iter(skipped.values()))}"
+        super().__init__(problem, field="scene.objects")
+
+
 class FieldNames(NamedTuple):
     """Names of the objects and of the actions of a request in error messages."""
 
@@ -217,9 +232,7 @@ def read_scene(
                 raise
             skipped[own.id] = str(error)
     if not read:
-        raise NoObjectsError(
-            f"must hold at least one valid object: {next(iter(skipped.values()))}", field="scene.objects"
-        )
+        raise AllSkippedError(skipped)
     _check_element_ids(message.environment.elements, taken)
     for element in packed:
         place = BodyFields(element.field, ObjectActions(element.name))
