@@ -66,6 +66,7 @@ setup(
         "completion": ["argcomplete>=3"],
         "descriptions": DESCRIPTIONS,
         "geometry": GEOMETRY,
+        "replay": ["mcap-ros2-support>=0.5"],
         "view": VIEW,
         "test": [
             *DESCRIPTIONS,

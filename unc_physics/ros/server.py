@@ -238,10 +238,10 @@ class PredictionServer:
     def _compile_for(self, request, kernel):
         """Compile in the background what a request needs, by answering it."""
         with self._lock:
-            if kernel in self._compiling or self.ending is not None:
+            if kernel in self._compiling or self.pool is None or self.ending is not None:
                 return
             self._compiling.add(kernel)
-        request = copy.deepcopy(request)
+        pool, request = self.pool, copy.deepcopy(request)
         request.wait_for_compilation = True
 
         def work():
@@ -255,7 +255,7 @@ class PredictionServer:
             self.log.info(f"compiled in {time.perf_counter() - began:.1f} s")
 
         with contextlib.suppress(RuntimeError):  # the node is closing
-            self.pool.submit(work)
+            pool.submit(work)
 
     @contextlib.contextmanager
     def errors_into(self, result: Result):

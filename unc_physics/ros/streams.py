@@ -305,7 +305,7 @@ class SceneTopics:
     def _track(self, topic, model, message):
         """Pass on the scene of all currently tracked objects."""
         settings = self._parameters.settings
-        state = _object_of_unknown_velocity(topic, model, message.pose, self._library, settings.tracked_mass)
+        state = detected_object(topic, model, message.pose, self._library, settings.tracked_mass)
         self._tracked[topic] = message.header, state
         frame = message.header.frame_id
         objects = [
@@ -478,14 +478,16 @@ def stamp_problem(node, stamp, settings) -> str | None:
     return f"its stamp is {what}; do all clocks agree, and all nodes have the same use_sim_time?"
 
 
-def scene_of_detections(detections, library, mass) -> tuple[Scene, dict[str, str]]:
+def scene_of_detections(detections, library, mass, header=None) -> tuple[Scene, dict[str, str]]:
     """Return the scene of a Detection3DArray, and the reasons of omitted detections by their names.
 
     The best hypothesis of each detection names its model. If the array has no frame, it is that of the first
-    detection with one; detections in other frames, and those without hypotheses, are omitted.
+    detection with one; detections in other frames, and those without hypotheses, are omitted. A given header
+    replaces that of the array, and frames are not compared.
     """
     objects, skipped = [], {}
-    header, own_frames = detections.header, not detections.header.frame_id
+    own_frames = header is None and not detections.header.frame_id
+    header = detections.header if header is None else header
     if own_frames:
         frames = (detection.header.frame_id for detection in detections.detections)
         header = Header(stamp=header.stamp, frame_id=next(filter(None, frames), ""))
@@ -506,11 +508,11 @@ def scene_of_detections(detections, library, mass) -> tuple[Scene, dict[str, str
             )
         else:
             model = best.hypothesis.class_id
-            objects.append(_object_of_unknown_velocity(name, model, best.pose, library, mass))
+            objects.append(detected_object(name, model, best.pose, library, mass))
     return Scene(header=header, objects=objects), skipped
 
 
-def _object_of_unknown_velocity(name, model, pose, library, mass):
+def detected_object(name, model, pose, library, mass):
     """Return an object with unknown velocity, with the given mass [kg] if its model has none."""
     state = ObjectState(id=name, model=model, pose=pose.pose)
     state.belief.pose_covariance = pose.covariance
