@@ -101,6 +101,8 @@ class ContactErrors(NamedTuple):
         Description of the surfaces at each contact (`contact_change.contact_geometry`).
     tilts : float64 array
         A copy of `rolling.TILTS`.
+    rolled : (B, 4, 14) float64
+        Results that `rolling` keeps.
     places : (C, 3, 6) float64
         Places of contacts in the middle of the interval (`middle_arms.rolling_places`) [m], and their
         derivative (`middle_arms.write_place_slopes`).
@@ -118,6 +120,7 @@ class ContactErrors(NamedTuple):
     gap: np.ndarray
     surface: np.ndarray
     tilts: np.ndarray
+    rolled: np.ndarray
     places: np.ndarray
     slot: np.ndarray
     system: np.ndarray

@@ -14,6 +14,11 @@ _JUMP = 0.15  # largest jump of the support, relative to the rolling radius
 _ON_HULL = 0.02  # largest distance of the touching sphere from the hull, relative to the body's radius
 _ROUNDS = 3  # corrections of a line's direction
 _DIAGONAL = math.sqrt(0.5)
+#: Results that are kept for each body; columns: direction, rolling matrix (11, 22, 33, 12, 13, 23) and centre
+#: in the body frame, and whether the entry is filled. Counter of the next entry, in the first entry.
+KEPT, KEPT_COLUMNS = 4, 14
+_DIRECTION, _MATRIX, _CENTER, _FILLED, _NEXT = 0, 3, 9, 12, 13
+_SAME = 1.0 - 5e-7  # cosine between directions of one result: 1 mrad, far below the least tilt
 
 
 def _tilts():
@@ -28,7 +33,7 @@ TILTS = _tilts()
 
 
 @inner(error_model="numpy")
-def rolling(n, first, second, i, sphere, R, world, room, out):
+def rolling(n, first, second, i, sphere, R, world, room, kept, out):
     """Compute how the support of body i moves over its surface as it rolls, from its packing's hull.
 
     A packing is rough: a rolling body moves from sphere to sphere, and local derivatives do not fit the
@@ -46,6 +51,9 @@ def rolling(n, first, second, i, sphere, R, world, room, out):
     world : World
     room : array
         A copy of `TILTS`.
+    kept : (B, 4, 14) array
+        (`KEPT`, `KEPT_COLUMNS`), zeros at first. Results, which serve all contacts with nearly the same
+        direction in the body frame.
     out : (5,) array
         Entries 11, 12 and 22 of the symmetric matrix of rolling radii. Then the centre of the shape in both
         tangent directions, relative to the centre of mass [m].
@@ -64,6 +72,56 @@ def rolling(n, first, second, i, sphere, R, world, room, out):
         least = min(least, hull[0, k] * m[0] + hull[1, k] * m[1] + hull[2, k] * m[2] - hull[3, k])
     if own - least > _ON_HULL * world.bodies.radius[i]:
         return
+    for k in range(KEPT):
+        row = kept[i, k]
+        if row[_FILLED] > 0.0 and row[0] * m[0] + row[1] * m[1] + row[2] * m[2] > _SAME:
+            _recall(row, a, b, out)
+            return
+    _fit_rolling(m, a, b, low, high, hull, room, out)
+    k = int(kept[i, 0, _NEXT])
+    kept[i, 0, _NEXT] = (k + 1) % KEPT
+    _keep(m, a, b, out, kept[i, k])
+
+
+@inner
+def _keep(m, a, b, out, row):
+    """Keep the result ``out`` for the direction ``m`` and the tangents ``a`` and ``b``, body frame."""
+    for k in range(3):
+        row[_DIRECTION + k] = m[k]
+        row[_CENTER + k] = out[3] * a[k] + out[4] * b[k]
+        row[_MATRIX + k] = out[0] * a[k] * a[k] + 2.0 * out[1] * a[k] * b[k] + out[2] * b[k] * b[k]
+    place = _MATRIX + 3
+    for k in range(2):
+        for c in range(k + 1, 3):
+            mixed = out[1] * (a[k] * b[c] + b[k] * a[c])
+            row[place] = out[0] * a[k] * a[c] + mixed + out[2] * b[k] * b[c]
+            place += 1
+    row[_FILLED] = 1.0
+
+
+@inner
+def _recall(row, a, b, out):
+    """Write a kept result for the tangents ``a`` and ``b``, body frame."""
+    center = (row[_CENTER], row[_CENTER + 1], row[_CENTER + 2])
+    along_a, along_b = _times_matrix(row, a), _times_matrix(row, b)
+    out[0], out[1], out[2] = dot(a, along_a), dot(b, along_a), dot(b, along_b)
+    out[3], out[4] = dot(a, center), dot(b, center)
+
+
+@inner(forceinline=True)
+def _times_matrix(row, e):
+    xx, yy, zz = row[_MATRIX], row[_MATRIX + 1], row[_MATRIX + 2]
+    xy, xz, yz = row[_MATRIX + 3], row[_MATRIX + 4], row[_MATRIX + 5]
+    return (
+        xx * e[0] + xy * e[1] + xz * e[2],
+        xy * e[0] + yy * e[1] + yz * e[2],
+        xz * e[0] + yz * e[1] + zz * e[2],
+    )
+
+
+@inner(error_model="numpy")
+def _fit_rolling(m, a, b, low, high, hull, room, out):
+    """Fit the result of `rolling` for the direction ``m`` and the tangents ``a`` and ``b``, body frame."""
     s11, s21, j11, j21 = _support_way(m, a, a, b, low, high, hull, room)
     s12, s22, j12, j22 = _support_way(m, b, a, b, low, high, hull, room)
     # the support jumps farthest in one direction, and least in the perpendicular one

@@ -30,13 +30,14 @@ if TYPE_CHECKING:
 
 #: Rollouts with which `judge` compares a spread that rests on a single nominal one.
 ROLLOUTS = 12
-#: Least number of rollouts where fewer leave open whether a spread is wrong.
-SURE = 64
+#: Rollouts that are added where those leave open whether a spread is wrong, and the number of them all with
+#: which none are added.
+FURTHER, SURE = 24, 36
 _ENOUGH = 1000  # rollouts that miss little
 _EVEN = 1.05  # asymmetry of sigma points up to which they are right
 _OPEN = 1.4, 2.7  # factors between which a dozen rollouts leave open whether spreads differ by two
 _OPEN_IN_DOUBT = 1.1  # the lower one where contacts were doubtful
-_SEED = 0  # of the rollouts' draws: the same question has the same status
+_SEED = 0  # of the rollouts' draws, and one more of further ones: the same question has the same status
 
 
 #: Statuses of a snapshot by the number of rollouts, so that nothing is judged twice.
@@ -72,7 +73,8 @@ def _judge(prediction, rollouts):
     if rollouts > 0:
         _compare(prediction, found, [k for k, one in enumerate(found) if needs_rollouts(one)], rollouts)
     if 0 < rollouts < SURE:
-        _compare(prediction, found, [k for k, one in enumerate(found) if is_inconclusive(one)], SURE)
+        places = [k for k, one in enumerate(found) if is_inconclusive(one)]
+        _compare(prediction, found, places, FURTHER, before=rollouts)
     if rollouts > 0 and may_miss(prediction):
         _look_far(prediction, found)
     return tuple(
@@ -80,13 +82,17 @@ def _judge(prediction, rollouts):
     )
 
 
-def _compare(prediction, found, places, rollouts):
-    """Give the evidence at some places the spreads of rollouts."""
+def _compare(prediction, found, places, rollouts, before=0):
+    """Give the evidence at some places the spreads of rollouts, with those of as many ``before``."""
     if places:
         marks = [mark_at(found[k].snapshot.time, prediction.scene.dt) for k in places]
         scene = prediction.asked or prediction.scene
-        spreads = rollout_spreads(scene, prediction.initial, marks, rollouts)
+        seed = _SEED + (before > 0)
+        spreads = rollout_spreads(scene, prediction.initial, marks, rollouts, seed)
         for k, own in zip(places, spreads, strict=True):
+            if before:
+                squares = before * found[k].spreads ** 2 + rollouts * own**2
+                own = np.sqrt(squares / (before + rollouts))
             found[k] = replace(found[k], spreads=own)
 
 
@@ -158,14 +164,14 @@ def _half_turned(evidence):
     return bool((far * std * np.maximum(snapshot.time - since, 0.0) > math.pi).any())
 
 
-def rollout_spreads(scene, initial, marks, count):
+def rollout_spreads(scene, initial, marks, count, seed=_SEED):
     """Return standard deviations of position [m] and rotation [rad] of ``count`` rollouts: (T, M, 2).
 
     ``marks`` are those of `marks_of`.
     """
     if len(scene.bodies) > 2 and not scene.islands:
         scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
-    propagator = BalancedMonteCarlo(samples=count, seed=_SEED)
+    propagator = BalancedMonteCarlo(samples=count, seed=seed)
     check_supported(scene, propagator)
     check_memory(scene, initial, propagator, len(marks))
     sampled = run(scene, initial, propagator, marks, ComputeBudget(None, clock(), None))

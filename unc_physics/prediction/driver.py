@@ -13,6 +13,7 @@ import numpy as np
 from ..checks.errors import DivergedError, PredictionTimeoutError, UncPhysicsError
 from ..compiler.compile_time import clock
 from ..compiler.threads import watched
+from ..dynamics.contact_history import ContactHistory
 from ..propagators.balanced_monte_carlo import WideMonteCarlo
 from ..propagators.base import Anytime, Islands, Propagator, Samples, Spent, rollout_count
 from ..propagators.names import POINTS
@@ -38,11 +39,14 @@ class Run(NamedTuple):
     initial, start : Belief
         That was given, with prescribed bodies on their paths; and that was really used.
     snapshots : tuple of Snapshot
+    points_history : ContactHistory or None
+        Of the points at time 0, of a propagator with a single nominal rollout on the implicit step.
     """
 
     initial: Belief
     start: Belief
     snapshots: tuple[Snapshot, ...]
+    points_history: ContactHistory | None
 
 
 def simulate(
@@ -143,11 +147,13 @@ def run(
     """
     belief = constrain_belief(scene, given)
     initial = belief if scene.acts else given  # where prescribed bodies are is not for a belief to say
+    points_history = None
     if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
         # a single rollout cannot begin in several ways; uncertain actions have directions of their own
-        belief = compute_budget.complete(belief_of_points, with_certain_actions(scene), belief)
-        if belief is None:
+        begun = compute_budget.complete(points_at_start, with_certain_actions(scene), belief)
+        if begun is None:
             raise compute_budget.error(0.0, marks[-1].time)
+        belief, points_history = begun
     # shared parameters tie all bodies together for ever, what is fixed makes no island, and bounds of where
     # bodies get to do not know what a robot does
     divisible = len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
@@ -161,7 +167,8 @@ def run(
 
     def found():
         snapshots.extend(_snapshots_of(propagator, scene, waiting))
-        return Run(initial, belief_at_start(propagator, runner, scene, first, initial), tuple(snapshots))
+        start = belief_at_start(propagator, runner, scene, first, initial)
+        return Run(initial, start, tuple(snapshots), points_history)
 
     try:
         for mark, carry in simulate(
@@ -223,24 +230,21 @@ def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runne
             f"diverged within {time:.6g} s; a smaller dt or stiffness may help", field="prediction"
         )
     whole = runner.whole(carry) if isinstance(runner, IslandRunner) else carry
-    draw = states = None
+    draw = draw_rollouts = None
     if isinstance(propagator, Samples):
         draw = partial(propagator.own_samples, whole, scene)
-        states = propagator.rollout_states(whole, scene)
+        draw_rollouts = partial(propagator.rollout_states, whole, scene)
     first = whole.contact_history.first_time
-    return Snapshot(time, belief, whole, draw, states, first)
+    return Snapshot(time, belief, whole, draw, draw_rollouts, first)
 
 
-def points_at_start(scene: Scene, belief: Belief) -> tuple[Propagator, Any]:
-    """Return the points' propagator, and its carry of a belief at time 0, free of overlap and settled."""
+def points_at_start(scene: Scene, belief: Belief) -> tuple[Belief, ContactHistory]:
+    """Return the belief at time 0 that points of it represent, free of overlap and settled, and their
+    history.
+    """
     points = make_propagator(POINTS)
-    return points, points.init(scene, constrain_belief(scene, belief))
-
-
-def belief_of_points(scene: Scene, belief: Belief) -> Belief:
-    """Return the belief at time 0 as `points_at_start` has it."""
-    points, carry = points_at_start(scene, belief)
-    return points.belief(carry, scene)
+    carry = points.init(scene, constrain_belief(scene, belief))
+    return points.belief(carry, scene), carry.contact_history
 
 
 def belief_at_start(propagator: Propagator, runner: Any, scene: Scene, first: Any, initial: Belief) -> Belief:

@@ -27,7 +27,6 @@ from ..spatial.layout import (
 from ..spatial.moments import pose_spreads
 from ..spatial.rotation import rotation_matrix
 from .conservation_checks import conserves_energy
-from .driver import points_at_start
 from .islands import merged
 from .snapshot import Snapshot
 
@@ -255,9 +254,9 @@ def _found(prediction):
 
     A single one begins as points do, which tell more.
     """
-    scene, history = prediction.scene, prediction.carry.contact_history
-    if scene.integrator == "implicit" and prediction.propagator.traits.mean_update == "nominal":
-        history = points_at_start(scene, prediction.initial)[1].contact_history
+    history = prediction.carry.contact_history
+    if prediction.points_history is not None:
+        history = prediction.points_history
     kept = np.zeros(history.first_time.shape[1:])
     if history.solver is not None and history.solver.kept_overlap.size:
         kept = history.solver.kept_overlap.max(axis=0)

@@ -19,7 +19,7 @@ from ..scene.materials import Materials
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .compute_budget import ComputeBudget
-from .driver import belief_of_points, run
+from .driver import points_at_start, run
 from .events import Event, checked_events
 from .first_contacts import first_contacts
 from .memory import check_memory
@@ -117,6 +117,7 @@ def predict(
             found.start,
             clock() - started,
             asked_for if missing else None,
+            found.points_history,
         )
 
     with time_limit() as limit:
@@ -181,4 +182,4 @@ def start_belief(scene: Scene, belief: Belief) -> Belief:
     belief.check_fits(scene)
     if scene.integrator == "explicit":
         return belief
-    return belief_of_points(with_stiffness(scene, belief.mean), belief)
+    return points_at_start(with_stiffness(scene, belief.mean), belief)[0]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError, LimitExceededError, NotSupportedError
 from ..checks.validation import instance, integer, number
+from ..dynamics.contact_history import ContactHistory
 from ..plots.scene_picture import draw_prediction
 from ..propagators.base import Propagator
 from ..scene.belief import Belief
@@ -48,6 +49,9 @@ class Prediction:
         Wall time of the prediction, without compiling or loading kernels [s].
     asked : Scene, optional
         The scene with the uncertain parts that the propagator left out; None where it left out none.
+    points_history : ContactHistory or None
+        What points of the belief met at time 0, of a propagator with a single nominal rollout on the implicit
+        step; its status needs it.
     """
 
     scene: Scene
@@ -57,6 +61,7 @@ class Prediction:
     start: Belief
     wall_time: float
     asked: Scene | None = None
+    points_history: ContactHistory | None = None
 
     def __str__(self) -> str:
         return as_table(self, FEW_LINES)

@@ -99,8 +99,8 @@ class Snapshot:
         The propagator's persistent state, of all bodies; None where the prediction was made elsewhere.
     draw : callable or None
         Makes `samples`; None where the answer is a Gaussian.
-    rollout_states : (R, B, 13) array or None
-        The states of rollouts, of which `samples` are made; None where there are no samples.
+    draw_rollouts : callable or None
+        Makes `rollout_states`.
     first_contacts : (R, B, B + E) array or None
         When bodies i < j, or body i and element j - B, first touched in each rollout, up to this time [s];
         infinite without contact.
@@ -117,7 +117,7 @@ class Snapshot:
     belief: Belief
     carry: Any = None
     draw: Callable[[], np.ndarray] | None = None
-    rollout_states: np.ndarray | None = None
+    draw_rollouts: Callable[[], np.ndarray] | None = None
     first_contacts: np.ndarray | None = None
     flights: Flights | None = None
     received: Received | None = None
@@ -127,6 +127,11 @@ class Snapshot:
     def samples(self) -> np.ndarray | None:
         """(N, B, 13): equally probable states that the answer consists of, as in `Belief.mean`."""
         return None if self.draw is None else self.draw()
+
+    @cached_property
+    def rollout_states(self) -> np.ndarray | None:
+        """(R, B, 13): states of rollouts, of which `samples` are made; None where there are no samples."""
+        return None if self.draw_rollouts is None else self.draw_rollouts()
 
     def at_model_origins(self, scene: Scene, propagator: Propagator) -> Belief:
         """Return the moments at the models' own origins, in place of the centres of mass.

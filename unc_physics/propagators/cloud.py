@@ -93,6 +93,11 @@ class CloudCarry(_Carry):
         return {}
 
     @cached_property
+    def runs(self) -> dict[int, Runs]:
+        """What the rollouts stand for, by the points' seed."""
+        return {}
+
+    @cached_property
     def errors(self) -> list[StandardErrors]:
         """Standard errors, once they were asked for."""
         return []
@@ -182,8 +187,9 @@ class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlig
 
     def share_caches(self, carries):
         """Let the times of a prediction share their surfaces; those of the last are fitted first."""
-        for carry in carries:
+        for carry in carries[:-1]:
             carry.shared[:] = carries[-1].shared
+            carry.runs.clear()
 
     def join(self, carries, parts, frame):
         states = np.tile(frame.mean, (len(carries[0].states), 1, 1))
@@ -267,9 +273,13 @@ class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlig
         return np.where(simulated, _rollout_points(count, dimensions, self.seed)[:, columns], 0.0)
 
     def _runs(self, carry):
-        labels = _rollout_points(len(carry.states), carry.dimensions, self.seed)[:, carry.columns]
-        z = np.where(carry.simulated, labels, 0.0)
-        points = _emitted_points(_MOMENT_POINTS, carry.dimensions, self.seed)[:, carry.columns]
+        if self.seed not in carry.runs:
+            carry.runs[self.seed] = self._new_runs(carry)
+        return carry.runs[self.seed]
+
+    def _new_runs(self, carry):
+        count, columns, simulated = len(carry.states), carry.columns.tobytes(), carry.simulated.tobytes()
+        labels, z, points = _numbers(count, carry.dimensions, self.seed, columns, simulated)
         return Runs(
             carry.states,
             carry.contact_history,
@@ -296,6 +306,17 @@ def _key(seed, stream):
 def _rollout_points(count: int, dimensions: int, seed: int) -> np.ndarray:
     """(count, dimensions): what rollouts are spread by."""
     return normal_points(count, dimensions, _key(seed, 0))
+
+
+@lru_cache(maxsize=16)
+def _numbers(
+    count: int, dimensions: int, seed: int, columns: bytes, simulated: bytes
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`Runs.labels`, `Runs.z` and `Runs.points`, of a carry's columns."""
+    some = np.frombuffer(columns, np.int64)
+    labels = _rollout_points(count, dimensions, seed)[:, some]
+    z = np.where(np.frombuffer(simulated, bool), labels, 0.0)
+    return labels, z, _emitted_points(_MOMENT_POINTS, dimensions, seed)[:, some]
 
 
 @lru_cache(maxsize=16)

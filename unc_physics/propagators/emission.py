@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from ..compiler import kernel
+from ..compiler.arrays import zeros
 from ..dynamics.contact_history import ContactHistory
 from ..initialization.overlap_search import TOUCHING
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
-from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
+from ..spatial.layout import EP, ER, ERR_POSITION, ERR_VELOCITY, ERROR, EV, EW, STATE
 from ..spatial.moments import mean_and_errors, pivoted_cholesky, second_moment, spread_states
 from .displacements import clip, reach, spread, variances
 from .free_flight import Flight, course_of, propagate_flight
@@ -21,9 +24,10 @@ from .overlap_depths import overlaps
 from .reduction import Reduction, common_covariance, moved_in_common, reduction
 from .response_surface import ResponseSurface, active_directions, fit, smoother, surface_moments
 
-#: Blocks of the outcome that are clipped, each with the block that shares the factor, and what they count.
-_CLIPPED = ((ERR_POSITION.start, ERR_VELOCITY.start), (ERR_ROTATION.start, ERR_ANGULAR_VELOCITY.start))
-_WEIGHTS = ((ERR_POSITION, 1.0), (ERR_VELOCITY, 0.5), (ERR_ROTATION, 1.0), (ERR_ANGULAR_VELOCITY, 0.5))
+#: Blocks of the outcome that are clipped, each with the block that shares the factor; and weights of blocks,
+#: with whether they are measured in radii.
+_CLIPPED = (EP, EV), (ER, EW)
+_WEIGHTS = (EP, 1.0, True), (EV, 0.5, True), (ER, 1.0, False), (EW, 0.5, False)
 #: Standard deviations below which a block of an outcome is constant: of the body's radius, or rad.
 _CONSTANT = 1e-6
 _DIVERGED = 1e100
@@ -212,6 +216,9 @@ def belief_of(runs: Runs, scene: Scene) -> Belief:
             mean[bodies] = ends[0, bodies]
             continue
         mean[bodies] = own
+        if len(bodies) == len(moving):
+            P = covariance.reshape(P.shape)
+            continue
         rows = (ERROR * np.searchsorted(moving, bodies)[:, None] + np.arange(ERROR)).ravel()
         if P.ndim == 3:
             P[np.searchsorted(moving, bodies)] = covariance
@@ -332,9 +339,15 @@ def labelled(runs: Runs, scene: Scene) -> np.ndarray:
     return states
 
 
-def diverged(states: np.ndarray) -> bool:
-    """Whether states are no numbers, or so large that their squares are none."""
-    return not bool((np.abs(states) < _DIVERGED).all())
+@kernel
+def diverged(states):
+    """Whether states (N, B, 13) are no numbers, or so large that their squares are none."""
+    for n in range(len(states)):
+        for i in range(states.shape[1]):
+            for k in range(STATE):
+                if not abs(states[n, i, k]) < _DIVERGED:
+                    return True
+    return False
 
 
 def moments(runs: Runs, scene: Scene) -> Iterator[Moments]:
@@ -462,17 +475,26 @@ def _moments_of(runs, scene, group, ends):
     shift, P, left_out, factors = surface_moments(
         errors, fitted.surface.kriging, fitted.mean_row, fitted.root, _WIDEST
     )
-    error = _error(errors[: len(left_out)] * weights, left_out * weights)
+    error = _error(errors, left_out, weights)
     if not error < NO_SURFACE:
         shift, P, factors = np.zeros(len(shift)), second_moment(errors), np.ones(len(shift))
     return Moments(group, fitted, mean, errors, left_out, error, shift, P, factors)
 
 
-def _error(outcomes, left_out):
-    """Mean square of left-out errors over the variance of outcomes (n, K)."""
-    count = len(outcomes)
-    spread = ((outcomes - outcomes.mean(axis=0)) ** 2).sum() * (count / max(count - 1, 1)) ** 2
-    return float((left_out**2).sum() / spread) if spread > 0.0 else 0.0
+@kernel
+def _error(outcomes, left_out, weights):
+    """Mean square of left-out errors (n, K) over the variance of the first n outcomes (N, K), weighted."""
+    count, spread, rest = len(left_out), 0.0, 0.0
+    for c in range(len(weights)):
+        mean = 0.0
+        for n in range(count):
+            mean += outcomes[n, c] / count
+        square = weights[c] ** 2
+        for n in range(count):
+            spread += square * (outcomes[n, c] - mean) ** 2
+            rest += square * left_out[n, c] ** 2
+    spread *= (count / max(count - 1, 1)) ** 2
+    return rest / spread if spread > 0.0 else 0.0
 
 
 def _fit(runs, scene, group, reduced, scaled):
@@ -501,16 +523,21 @@ def _fit(runs, scene, group, reduced, scaled):
     return Fit(reduced, transform, x, surface, found, mean_row, np.ascontiguousarray(root.T))
 
 
+@kernel
 def _weights(errors, radius):
     """(12 m,): by which outcomes (N, 12 m) are by their spread, block by block; 0 for what does not vary."""
-    parts = errors.reshape(len(errors), -1, ERROR)
-    squares = (parts**2).mean(axis=0)
-    weights = np.zeros(squares.shape)
-    for block, weight in _WEIGHTS:
-        spread = np.sqrt(squares[:, block].sum(axis=1))
-        least = _CONSTANT * (radius if block in (ERR_POSITION, ERR_VELOCITY) else np.ones(len(radius)))
-        weights[:, block] = np.where(spread > least, weight / np.maximum(spread, least), 0.0)[:, None]
-    return weights.ravel()
+    weights = zeros(errors.shape[1])
+    for body in range(len(radius)):
+        for begin, weight, in_radii in _WEIGHTS:
+            first, total = ERROR * body + begin, 0.0
+            for n in range(len(errors)):
+                for c in range(first, first + 3):
+                    total += errors[n, c] ** 2
+            spread = math.sqrt(total / len(errors))
+            if spread > _CONSTANT * (radius[body] if in_radii else 1.0):
+                for c in range(first, first + 3):
+                    weights[c] = weight / spread
+    return weights
 
 
 def _sampled(runs, scene, found, z):

@@ -28,7 +28,7 @@ from ..derivatives.kinematic_derivative import (
     place_kinematic_errors,
     travel_kinematic_errors,
 )
-from ..derivatives.rolling import rolling
+from ..derivatives.rolling import KEPT, KEPT_COLUMNS, rolling
 from ..derivatives.wrench_derivative import fly_pushed_errors
 from ..dynamics.actions import follows
 from ..dynamics.impact_time import impact_speed, time_before, time_to_close
@@ -128,6 +128,7 @@ def linearized(source, world, work, contacts):
         empty(contacts),
         zeros((contacts, 12)),
         tilts.copy(),
+        zeros((count, KEPT, KEPT_COLUMNS)),
         empty((contacts, 3, 6)),
         integers(count),
         empty((6 * count, 6 * count + columns)),
@@ -334,13 +335,13 @@ def look_at_surfaces(c, in_order, contacts, world, work):
     n = (row[DIRECTION], row[DIRECTION + 1], row[DIRECTION + 2])
     first = (row[AXIS], row[AXIS + 1], row[AXIS + 2])
     second = (row[2 * AXIS], row[2 * AXIS + 1], row[2 * AXIS + 2])
-    rolling(n, first, second, i, ids[c, 2], work.R[i], world, contacts.tilts, out[0:5])
+    rolling(n, first, second, i, ids[c, 2], work.R[i], world, contacts.tilts, contacts.rolled, out[0:5])
     if j < 0 and not _is_bumpy(c, out[0] + out[2], world, work):
         for m in range(5):
             out[m] = 0.0
     if j >= 0:
         n = (-n[0], -n[1], -n[2])
-        rolling(n, first, second, j, ids[c, 3], work.R[j], world, contacts.tilts, out[5:10])
+        rolling(n, first, second, j, ids[c, 3], work.R[j], world, contacts.tilts, contacts.rolled, out[5:10])
 
 
 @inner

@@ -297,7 +297,7 @@ class Tracker:
             samples = self._members(state, at)
             carry = state.carry._replace(contact_history=own, step=mark.steps)
             snapshots.append(
-                Snapshot(mark.time, self._answer(state, at), carry, samples.copy, samples, first)
+                Snapshot(mark.time, self._answer(state, at), carry, samples.copy, samples.view, first)
             )
         return Prediction(self._scene, self._propagator, tuple(snapshots), now, now, clock() - started)
 
