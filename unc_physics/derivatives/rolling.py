@@ -84,6 +84,15 @@ def rolling(n, first, second, i, sphere, R, world, room, kept, out):
 
 
 @inner
+def forget_rolling(kept):
+    """Empty the results that `rolling` keeps."""
+    for i in range(len(kept)):
+        for k in range(KEPT):
+            kept[i, k, _FILLED] = 0.0
+        kept[i, 0, _NEXT] = 0.0
+
+
+@inner
 def _keep(m, a, b, out, row):
     """Keep the result ``out`` for the direction ``m`` and the tangents ``a`` and ``b``, body frame."""
     for k in range(3):

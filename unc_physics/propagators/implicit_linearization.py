@@ -28,7 +28,7 @@ from ..derivatives.kinematic_derivative import (
     place_kinematic_errors,
     travel_kinematic_errors,
 )
-from ..derivatives.rolling import KEPT, KEPT_COLUMNS, rolling
+from ..derivatives.rolling import KEPT, KEPT_COLUMNS, forget_rolling, rolling
 from ..derivatives.wrench_derivative import fly_pushed_errors
 from ..dynamics.actions import follows
 from ..dynamics.impact_time import impact_speed, time_before, time_to_close
@@ -158,7 +158,8 @@ def _carry_along(method, x, end, world, work):
 
 @before_step.of(ImplicitLinearization)
 def _keep_root(method, x, step, world, work):
-    """Keep the root."""
+    """Keep the root, and forget how bodies roll, so that steps do not depend on those before."""
+    forget_rolling(method.contacts.rolled)
     method.time[0] = world.start + (step + 1) * world.dt
     for r in range(method.root.shape[0]):
         for c in range(method.root.shape[1]):
