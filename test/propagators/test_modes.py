@@ -1,5 +1,7 @@
 """Outcomes that split: as many modes as there are, one where one suffices."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,26 @@ def test_one_group_is_one_mode(rollouts):
     flat[:, 1] = rng.uniform(-0.1, 0.1, rollouts)
     for case in (normal, skewed, flat):
         assert len(split(case, 0.06)) == 1
+
+
+def test_a_small_group_is_not_cut_in_two():
+    """Of poses that are turned by half a turn or not at all."""
+    for count, share in ((64, 0.5), (64, 0.2), (200, 0.3)):
+        rng, turned = np.random.default_rng(3), states(count, [[0.0, 0.0, 0.0]], [1.0])
+        angle = np.where(rng.random(count) < share, math.pi, 0.0) + 0.1 * rng.standard_normal(count)
+        turned[:, 6:10] = 0.0
+        turned[:, 8], turned[:, 9] = np.sin(0.5 * angle), np.cos(0.5 * angle)
+        found = split(turned, 0.06)
+        assert len(found) == 2
+        assert sorted(round(2.0 * math.acos(min(abs(mode.mean[9]), 1.0))) for mode in found) == [0, 3]
+
+
+def test_a_mode_has_three_rollouts_at_least():
+    """Of many small sets of poses in several groups, some of them far away."""
+    for seed in range(200):
+        centers = np.random.default_rng(seed).normal(0.0, 0.3, (4, 3))
+        for mode in split(states(20, centers, [0.7, 0.1, 0.1, 0.1], seed=seed), 0.06):
+            assert round(20 * mode.weight) >= 3
 
 
 def test_a_small_group_far_away_is_a_mode():

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..scene.belief import Belief
-from ..spatial.layout import ERR_POSITION, ERR_ROTATION
-from ..spatial.moments import mean_and_errors, second_moment
+from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR
+from ..spatial.moments import boxminus, mean_and_errors, second_moment
 
 _MOST = 5  # modes
 _ROUNDS = 20  # of k-means
@@ -19,6 +19,9 @@ _SMALL = 0.01  # spread of a coordinate that is no outcome [body radii, rad]
 #: that, over the root of their number: halves of what is flat have 1.7, of a normal distribution 1.3.
 _APART, _BY_CHANCE = 2.2, 5.0
 _FEWEST, _LEAST = 3, 0.05  # rollouts in a mode, and its share of what it is split from
+#: The same distance, in any coordinate, up to which two modes of many rollouts are one; parts that are cut
+#: in an oblique direction are 1.27 apart.
+_TOGETHER = 1.2
 #: Width of the gap without rollouts that a mode of a smaller share needs, over the spread of the others; of a
 #: normal distribution, three of a thousand are 0.3 from the next.
 _EMPTY = 2.0
@@ -65,8 +68,8 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
     Coordinates are positions and rotations in units of their spread; those that spread by less than 1 % of
     the body's radius, or 0.01 rad, do not count. k-means from several starts divides the rollouts in two, and
     the cut is where the gap along the line between both means is widest. Parts are divided again as long as
-    there is a gap, so that one mode is the rule. A mode's weight, mean and covariance are those of its
-    rollouts.
+    there is a gap, so that one mode is the rule. Parts in the same place, or of fewer than three
+    rollouts, are united again. A mode's weight, mean and covariance are those of its rollouts.
     """
     _, errors = mean_and_errors(np.ascontiguousarray(states[:, None]), np.arange(1))
     pose = np.concatenate([errors[:, ERR_POSITION] / radius, errors[:, ERR_ROTATION]], axis=1)
@@ -75,12 +78,48 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
     labels = np.zeros(len(states), np.int64)
     if pose.shape[1] and len(states) > 1:
         labels = _without_strangers(pose, _labels(pose / pose.std(axis=0)))
-    modes = []
-    for label in np.unique(labels):
-        own = np.ascontiguousarray(states[labels == label][:, None])
-        mean, own_errors = mean_and_errors(own, np.arange(1))
-        modes.append(Mode(len(own) / len(states), mean[0], second_moment(own_errors)))
+    parts = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    modes = [_mode_of(states, part) for part in parts]
+    while (pair := _same_outcome(parts, modes)) is not None:
+        one, other = pair
+        parts[one] = np.union1d(parts[one], parts.pop(other))
+        modes.pop(other)
+        modes[one] = _mode_of(states, parts[one])
     return tuple(sorted(modes, key=lambda mode: -mode.weight))
+
+
+def _mode_of(states, part):
+    """The `Mode` of some rollouts, by their indices."""
+    mean, errors = mean_and_errors(np.ascontiguousarray(states[part][:, None]), np.arange(1))
+    return Mode(len(part) / len(states), mean[0], second_moment(errors))
+
+
+def _same_outcome(parts, modes):
+    """Indices (one, other), ascending, of the two modes that are least apart and should be one; None if no
+    two should be.
+
+    They should be where one has too few rollouts, or where two parts were cut off the same group in turn.
+    """
+    best = None
+    for other in range(1, len(modes)):
+        for one in range(other):
+            gap = _gap(modes[one], modes[other])
+            fewer = min(len(parts[one]), len(parts[other]))
+            same = fewer < _FEWEST or gap < _TOGETHER + 1.0 / math.sqrt(fewer)
+            if same and (best is None or gap < best[0]):
+                best = gap, one, other
+    return None if best is None else best[1:]
+
+
+def _gap(one, other):
+    """Distance of two modes' poses over the sum of their standard deviations, in the coordinate where that is
+    largest.
+    """
+    errors, both = np.empty(ERROR), [np.ascontiguousarray(mode.mean) for mode in (one, other)]
+    boxminus(both[1], both[0], errors)
+    width = sum(np.sqrt(np.maximum(mode.covariance.diagonal(), 0.0)) for mode in (one, other))
+    gaps = np.abs(errors) / np.maximum(width, _CONSTANT)
+    return float(max(gaps[ERR_POSITION].max(), gaps[ERR_ROTATION].max()))
 
 
 def _labels(x):
