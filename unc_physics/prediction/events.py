@@ -116,8 +116,18 @@ class Event(ABC):
         return self.bounds(outcomes)[0]
 
     def margin(self, outcomes: RolloutOutcomes) -> float | None:
-        """Distance of the outcomes from the event's border, in standard deviations over them: mean over
-        standard deviation, positive where the event happens; None where events have no distance.
+        """Median distance of the outcomes from the event's border, in standard deviations over them; None
+        where events have no distance.
+
+        It is positive where the event happens in more than half of them. Contacts have no distance, and do
+        not count.
+        """
+        distances = self.scaled_distances(outcomes)
+        return None if distances is None else float(np.median(distances))
+
+    def scaled_distances(self, outcomes: RolloutOutcomes) -> np.ndarray | None:
+        """Distances (N,) of the outcomes from the event's border, in standard deviations over them, positive
+        where it happens; None where it has no distance.
         """
         return None
 
@@ -160,10 +170,10 @@ class BodyEvent(Event):
         known = np.isinf(outcomes.known_until_of(self.names))
         return happened & known, happened | ~known
 
-    def margin(self, outcomes):
-        distances = self.distances(outcomes)
-        mean, std = float(distances.mean()), float(distances.std())
-        return mean / std if std > 0.0 else math.copysign(math.inf, mean)
+    def scaled_distances(self, outcomes):
+        found = self.distances(outcomes)
+        std = float(found.std())
+        return found / std if std > 0.0 else np.copysign(math.inf, found)
 
     @abstractmethod
     def distances(self, outcomes: RolloutOutcomes) -> np.ndarray:
@@ -397,7 +407,7 @@ class Touches(BodyEvent):
         # after a body is not known any more, others touch it where it is not
         return np.where(first <= outcomes.known_until_of(self.names), first, np.inf)
 
-    def margin(self, outcomes):
+    def scaled_distances(self, outcomes):
         return None
 
     def distances(self, outcomes) -> np.ndarray:
@@ -440,16 +450,19 @@ class _Pair(Event):
         self.one.check(scene, field)
         self.other.check(scene, field)
 
-    def _margins(self, outcomes):
-        found = self.one.margin(outcomes), self.other.margin(outcomes)
-        return [margin for margin in found if margin is not None]
+    def _combined(self, outcomes, combine):
+        """Distances of both, combined; those of one where the other has none."""
+        one, other = self.one.scaled_distances(outcomes), self.other.scaled_distances(outcomes)
+        if one is None or other is None:
+            return other if one is None else one
+        return combine(one, other)
 
 
 class _Both(_Pair):
     """Two events happen."""
 
-    def margin(self, outcomes):
-        return min(self._margins(outcomes), default=None)
+    def scaled_distances(self, outcomes):
+        return self._combined(outcomes, np.minimum)
 
     def bounds(self, outcomes):
         pairs = zip(self.one.bounds(outcomes), self.other.bounds(outcomes), strict=True)
@@ -466,8 +479,8 @@ class _Both(_Pair):
 class _Either(_Pair):
     """One of two events happens, or both."""
 
-    def margin(self, outcomes):
-        return max(self._margins(outcomes), default=None)
+    def scaled_distances(self, outcomes):
+        return self._combined(outcomes, np.maximum)
 
     def bounds(self, outcomes):
         pairs = zip(self.one.bounds(outcomes), self.other.bounds(outcomes), strict=True)
@@ -495,9 +508,9 @@ class _Not(Event):
         certainly, possibly = self.event.bounds(outcomes)
         return ~possibly, ~certainly
 
-    def margin(self, outcomes):
-        margin = self.event.margin(outcomes)
-        return None if margin is None else -margin
+    def scaled_distances(self, outcomes):
+        found = self.event.scaled_distances(outcomes)
+        return None if found is None else -found
 
     def check(self, scene, field):
         self.event.check(scene, field)
