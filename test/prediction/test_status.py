@@ -20,8 +20,8 @@ from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.prediction import diagnostics
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnosis import rollout_spreads
-from unc_physics.prediction.diagnostics import RULES
-from unc_physics.prediction.evidence import spread_factors
+from unc_physics.prediction.diagnostics import mean_pose_errors
+from unc_physics.prediction.evidence import Evidence, initial_diagnostics, spread_factors
 from unc_physics.prediction.marks import mark_at
 from unc_physics.prediction.status import assess, assess_all
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
@@ -109,6 +109,23 @@ def test_points_whose_mean_lies_inside_something_are_not_fine():
     (status,) = assess(predict(scene, Belief(mean, P), "sigma_points", 0.5))
     assert status.measures["mean_penetration"] > 5.0
     assert status.flags & Status.MEAN_NOT_POSSIBLE
+
+
+def test_the_sampling_error_of_a_mean_pose_is_no_penetration():
+    """That of N independent samples of one coordinate: its standard deviation over the root of N."""
+    scene = Scene.everyday([RigidBody("a", BALL, 1.0)], environment=[Plane()], gravity=(0, 0, 0))
+    mean, P, std = np.zeros((1, 13)), np.zeros((1, 12, 12)), 0.01
+    mean[0, 2], mean[0, 9] = 0.5, 1.0
+    P[0, range(3), range(3)] = std**2
+    found, xs = [], []
+    for seed in range(40):
+        propagator = make_propagator("monte_carlo", samples=25, seed=seed)
+        prediction = predict(scene, Belief(mean, P), propagator, 0.01)
+        evidence = Evidence.of(prediction, initial_diagnostics(prediction), prediction.at())
+        found.append(mean_pose_errors(evidence)[0])
+        xs.append(prediction.belief.mean[0, 0])
+    assert np.mean(found) == pytest.approx(std / 5.0, rel=0.05)
+    assert np.std(xs) == pytest.approx(np.mean(found), rel=0.35)
 
 
 def test_a_spread_that_is_right_is_not_flagged():
@@ -424,6 +441,23 @@ def test_too_few_spheres_for_the_shape_are_flagged(count, std, flagged):
     (status,) = statuses(scene, Belief(mean, P), "monte_carlo", 0.1)
     assert bool("too few spheres for its shape" in status.message) is flagged
     assert ("extent_loss" in status.measures) and (count == 7000) is (bunny.extent_loss <= 0.001)
+
+
+def test_a_can_of_few_spheres_rolls_as_one_of_many():
+    """Fifty spheres keep its extent to 1 mm; how far small things sink in raises no flag."""
+    spreads = []
+    for count in (50, 300):
+        can = load_model("can").prefix(count)
+        scene = Scene.everyday([RigidBody("can", can)], exact=True, environment=[Plane()])
+        mean, P = np.zeros((1, 13)), np.zeros((1, 12, 12))
+        mean[0, 6:10] = 0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)  # it lies on its side
+        mean[0, 2] = 1e-4 + np.max(can.radii + can.centers[:, 0])
+        P[0, range(3, 5), range(3, 5)] = 0.1**2
+        prediction = predict(scene, Belief(mean, P), make_propagator("monte_carlo", samples=60), 1.0)
+        (status,) = assess(prediction)
+        spreads.append(pose_spreads(prediction.belief.blocks)[0, 0])
+        assert status.measures["sink"] == can.sink and "sink" not in status.message
+    assert spreads[0] == pytest.approx(spreads[1], rel=0.15)
 
 
 def test_few_spheres_get_a_note(tmp_path, capsys):

@@ -36,6 +36,7 @@ _DRAWING = names_where(lambda propagator: propagator.supports.impact_errors, " a
 _FAR = 5.0  # standard deviations that are not to be expected of an honest belief
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
+_LOOKED_AT = 64  # rollouts whose own depths are computed, at most
 _LEAST_SHARE = 0.05  # of an outcome that moves the mean
 _DENSITIES = 0.1, 1e5  # kg/m^3, beyond those of things
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
@@ -383,6 +384,20 @@ def density_misfit(evidence):
     return np.maximum(_DENSITIES[0] / densities, densities / _DENSITIES[1])
 
 
+@_measure(
+    Status.OUTSIDE_VALIDITY, math.inf, "small things sink in between its spheres", unit="m", in_contact=True
+)
+def sink(evidence):
+    """How far a ball of 10 mm sinks below the surface before it touches a sphere, at most [m]. With the
+    implicit integrator, where it is known. It raises no flag.
+    """
+    sinks = [body.model.sink for body in evidence.scene.bodies]
+    if evidence.scene.integrator != "implicit" or all(one is None for one in sinks):
+        return None
+    values = np.array([0.0 if one is None else one for one in sinks])
+    return np.ma.masked_array(values, [one is None for one in sinks])
+
+
 @_measure(Status.OUTSIDE_VALIDITY, 0.3, "too few samples for a spread")
 def few_samples(evidence):
     """Relative uncertainty of a spread that comes from the number of samples; 1 for a single sample."""
@@ -545,8 +560,9 @@ def outcomes(evidence):
 )
 def mean_penetration(evidence):
     """With the implicit integrator: depth of the deepest overlap of the mean pose, over the largest standard
-    deviation of the position along any axis, limited to 0.2 to 2 mm. Overlap that is kept from the start does
-    not count. Contacts of the explicit integrator are soft, so that bodies may overlap.
+    deviation of the position along any axis, limited to 0.2 to 2 mm. Overlap that is kept from the start, as
+    deep as that of one in twenty rollouts, or as deep as a standard error of the mean pose does not count.
+    Contacts of the explicit integrator are soft, so that bodies may overlap.
     """
     scene, start, belief = evidence.scene, evidence.start, evidence.snapshot.belief
     # the mean of a nominal method is a rollout's own pose
@@ -557,7 +573,34 @@ def mean_penetration(evidence):
     std = np.zeros(len(scene.bodies))
     P = belief.blocks[:, ERR_POSITION, ERR_POSITION]
     std[scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(P)[:, -1], 0.0))
-    return np.maximum(depths[0] - kept, 0.0) / np.clip(std, *_MEAN_DEPTHS)
+    scale, depth = np.clip(std, *_MEAN_DEPTHS), depths[0] - kept
+    if (depth > scale).any():
+        if evidence.states is not None:
+            own, _ = overlaps(scene, np.ascontiguousarray(evidence.states[:_LOOKED_AT]))
+            depth = depth - np.quantile(own, _USUAL, axis=0)
+        depth = depth - mean_pose_errors(evidence)
+    return np.maximum(depth, 0.0) / scale
+
+
+def mean_pose_errors(evidence):
+    """(B,): standard error of the mean pose along one axis, with that of the bodies it touched [m].
+
+    That of a rotation counts by the body's radius.
+    """
+    scene, propagator, errors = evidence.scene, evidence.propagator, np.zeros(len(evidence.scene.bodies))
+    if not isinstance(propagator, Samples):
+        return errors
+    found = propagator.standard_errors(evidence.snapshot.carry, scene)
+    if found is None:
+        of_mean = np.zeros((len(errors), 2))
+        count = len(evidence.history.first_time)
+        of_mean[scene.moving] = pose_spreads(evidence.snapshot.belief.blocks) / math.sqrt(count)
+    else:
+        of_mean = np.column_stack([found.position, found.rotation])
+    errors = (of_mean[:, 0] ** 2 + (evidence.start.shapes[:, 3] * of_mean[:, 1]) ** 2) / 3.0
+    pairs = evidence.touched[:, : len(errors)]
+    others = np.where(pairs | pairs.T, errors, 0.0).max(axis=1)
+    return np.sqrt(errors + others)
 
 
 # -- the physics -------------------------------------------------------------------------------------
