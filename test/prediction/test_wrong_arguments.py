@@ -30,6 +30,10 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
         (lambda: predict(SCENE, ARRAY, "sigma_points", 1.0), "belief must be a Belief, not a ndarray"),
         (lambda: predict(SCENE, None, "sigma_points", 1.0), "belief must be a Belief, not None"),
         (lambda: predict(SCENE, BELIEF, 1.0), "propagator must be a str or a Propagator, not a float"),
+        (
+            lambda: predict(SCENE, BELIEF, "sigma_points", [0.1, 0.2]),
+            "horizon must be one time; several are given as times=[...] (got [0.1, 0.2])",
+        ),
         (lambda: start_belief(BELIEF, SCENE), "scene must be a Scene, not a Belief"),
         (lambda: start_belief(SCENE, ARRAY), "belief must be a Belief, not a ndarray"),
         (lambda: make_propagator(["surrogate"]), "name must be a str, not a list"),

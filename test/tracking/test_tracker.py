@@ -425,7 +425,10 @@ def test_relative_poses_are_measurements():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda t: t.correct(0.1, {"cup": PoseMeasurement(RESTING, NOISE)}), "cup"),
+        (
+            lambda t: t.correct(0.1, {"cup": PoseMeasurement(RESTING, NOISE)}),
+            "names no moving body of the scene, whose moving bodies are: 'box0'",
+        ),
         (lambda t: t.correct(0.1, {"box0": 3.0}), "PoseMeasurement"),
         (lambda t: t.predict(-1.0), "time"),
         (lambda t: t.belief(-1.0), "window"),

@@ -291,7 +291,8 @@ def probabilities_as_table(found) -> str:
     width = max((len(printable(str(event))) for event, *_ in rows), default=0)
     lines = []
     for event, p, time in rows:
-        when = "" if time is None else f"  first after {time.mean:.3f} s, std {time.std:.3f} s"
+        when = "" if time is None else f"  first after {time.mean:.3f} s"
+        when += f", std {time.std:.3f} s" if time is not None and time.std > 0.0 else ""
         lines.append(
             f"{printable(str(event)):<{width}}  {p.estimate:5.3f}  ({p.low:.3f} to {p.high:.3f}){when}"
         )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from ..checks.errors import InvalidHorizonError, LimitExceededError, NotSupportedError
 from ..checks.validation import positive
 from ..propagators.base import Propagator
@@ -91,6 +93,10 @@ def marks_of(scene: Scene, horizon: float | None, times: Sequence[float] | None)
     The implicit integrator ends with a shorter step where a time is no multiple of ``dt``; the explicit one
     does not, as its law depends on the step.
     """
+    if isinstance(horizon, (list, tuple, np.ndarray)):
+        raise InvalidHorizonError(
+            "must be one time; several are given as times=[...]", field="horizon", value=horizon
+        )
     wanted = [] if times is None else list(times)
     if horizon is not None:
         wanted.append(horizon)

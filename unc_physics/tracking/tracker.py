@@ -719,8 +719,11 @@ class Tracker:
     def _moving_name(self, name):
         names = [self._scene.bodies[k].name for k in self._scene.moving]
         if name not in names:
+            bodies = ", ".join(f"'{one}'" for one in names[:10]) + ", ..." * (len(names) > 10)
             raise InvalidRequestError(
-                f"is no moving body of the scene{hint(str(name), names)}", field="measurements", value=name
+                f"names no moving body of the scene, whose moving bodies are: {bodies or 'none'}",
+                field="measurements",
+                value=name,
             )
         return name
 
