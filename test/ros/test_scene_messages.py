@@ -7,7 +7,9 @@ from geometry_msgs.msg import Vector3
 from scenes import diagonal, moving_object, packed, position_of
 from scipy.spatial.transform import Rotation
 
+from unc_physics import load_model
 from unc_physics.checks import errors
+from unc_physics.geometry.packing_file import SINK
 from unc_physics.ros.messages.fields import duration, optional, read_duration, seconds
 from unc_physics.ros.messages.prediction import write_prediction, write_start
 from unc_physics.ros.messages.request import RequestedOutputs
@@ -84,6 +86,18 @@ def assert_covariance_of_draws(draws, expected):
     variance = np.diag(expected)
     standard_error = np.sqrt((np.outer(variance, variance) + expected**2) / len(draws))
     assert np.all(np.abs(draws.T @ draws / len(draws) - expected) < SIGMAS * standard_error)
+
+
+@pytest.mark.parametrize("others", [0, 1])
+def test_no_number_of_spheres_is_auto(others):
+    """As few as stand for the body: a can on nothing but planes takes fewer than one that meets another."""
+    bodies = [moving_object(f"can{k}", "can", (float(k), 0.0, 0.0), spheres=0) for k in range(1 + others)]
+    can = load_model("can")
+    few = can.sufficient_count(sink=SINK if others else None)
+    assert few < len(can)
+    for physics, count in (({"integrator": "implicit"}, few), ({}, len(can))):
+        scene = read(*bodies, physics=PHYSICS | physics).scene
+        assert [len(body.model) for body in scene.bodies] == [count] * (1 + others)
 
 
 def test_fixed_axes_to_the_body_side_against_drawn_poses():
