@@ -162,6 +162,7 @@ def test_a_ranking_that_is_ended_holds_what_was_ranked(monkeypatch):
         diagnostics=SimpleNamespace(predicted=lambda prediction: None),
         errors_into=lambda result: contextlib.nullcontext(),
         check_open=lambda: None,
+        environment=SimpleNamespace(complete=lambda scene: scene),
     )
     entries, error = node_candidates._rank_candidates(server, request, 3, 0.3)
     assert [(entry.candidate, entry.result.error_code) for entry in entries] == [("over", 0), ("beside", 0)]

@@ -336,7 +336,7 @@ class _Source:
     def close(self):
         self._worker.close()
 
-    def put(self, scene, skipped=_NONE):
+    def put(self, scene, skipped: Mapping[str, str] = _NONE):
         """Pass on a scene once its transform is there, unless a later one is faster."""
         self.pace.arrived()
         self._arrived += 1
@@ -395,7 +395,7 @@ def prepared(
         scene = transform.scene(scene)
         scene.header = Header(stamp=scene.header.stamp)
     scene, skipped = settle_detected(scene, environment.message, library, settings)
-    return scene, skipped | streamed.skipped
+    return scene, {**skipped, **streamed.skipped}
 
 
 class LatestWorker:
