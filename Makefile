@@ -4,7 +4,7 @@
 # make lint   what needs no run: likely mistakes and layout by ruff, types by pyright
 # make venv   what all need: .venv with the pinned dependencies, the interfaces and this package, editable
 # make check-all   lint and test, then what takes hours: thousands of random examples of each kind, a build with the
-#             C++ interfaces, the site with all commands and snippets of the pages for users, and soak
+#             C++ interfaces, the site with all commands and snippets of the pages for users, release, and soak
 # make pictures   the docs' pictures whose sources changed; hours, where experiments of the evaluation are among them
 # make docs   the site: all pages and the generated reference, in docs/_build/index.html
 # make wheels   a wheel with compiled kernels for each Python 3.11, 3.12 and 3.13 found, and one without, in dist/
@@ -90,6 +90,7 @@ check-all:
 	        BASE_PYTHON="$$(command -v "$$python")" $(VENV_PYTHON) -m pytest -q test/packaging/test_pip.py; \
 	    fi; \
 	done
+	@$(MAKE) -s --no-print-directory release
 	@$(MAKE) -s --no-print-directory soak
 
 pictures:
