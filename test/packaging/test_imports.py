@@ -41,6 +41,8 @@ try:
     main({arguments!r})
 except SystemExit as end:
     assert end.code == 0
+import sys
+assert not {{"numpy", "yaml"}} & sys.modules.keys(), "half of the time of --help"
 """
     assert loaded_modules(code) == []
 
