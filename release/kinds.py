@@ -73,6 +73,7 @@ def run(*arguments):
 def ask_everything(file, name):
     """Predict a scene until bodies have met, with times, events, modes, samples, status and tables."""
     scene, belief, horizon = load_scene(file)
+    assert horizon, f"{file} has no horizon"
     few = {"samples": 32} if "samples" in PROPAGATORS[name].options() else {}
     times, events = [0.5 * horizon, horizon], encounters(scene)
     prediction = predict(scene, belief, make_propagator(name, **few), horizon, times=times, events=events)
