@@ -9,8 +9,12 @@ In an impact, mu falls with the closing speed v of the contact::
 
 v0 is the speed of `Scene.impact_friction_speed`. Lasting contacts have mu itself, at any slip speed.
 
-The solver projects onto these sets, sleep detection requires a margin within them, and derivatives depend on
-the case. Each contact stores mu and r of its two partners (`collision.contact_patch`).
+The solver projects onto these sets. Each contact stores mu and r of its two partners
+(`collision.contact_patch`).
+
+`holds`, `sticks`, `spins` and `slip_derivative` assume that a contact below its limit does not slip, as the
+solver's complementarity implies. They do not look for slip. Sleep detection (`implicit_step`), the surrogate
+and local sampling (`solved_contacts`), and `implicit_derivative` and `twist_derivative` rely on it.
 """
 
 import math

@@ -26,7 +26,7 @@ from ..collision.shapes import bounds
 from ..dynamics.world import Bodies
 from ..propagators.base import ClosedFormFlight, JointlySampledIslands, Samples
 from ..propagators.free_flight import Flight, course_of
-from ..propagators.joining import Frame, Part
+from ..propagators.joining import JointIsland, Part
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, VELOCITY
@@ -286,8 +286,8 @@ class IslandRunner:
             )
             for island in islands
         ]
-        frame = Frame(self._mean[bodies], len(scene.moving), scene.world, len(scene.uncertain))
-        return self._propagator.join([island.carry for island in islands], parts, frame)
+        joint = JointIsland(self._mean[bodies], len(scene.moving), scene.world, len(scene.uncertain))
+        return self._propagator.join([island.carry for island in islands], parts, joint)
 
     def _bounds(self, islands, present):
         """Return positions and motions of the bodies of some islands, from their present carries."""

@@ -62,7 +62,7 @@ class ContactTime(NamedTuple):
     std: float
 
 
-class Received(NamedTuple):
+class RemoteAnswers(NamedTuple):
     """Answers of a prediction that was made elsewhere.
 
     Attributes
@@ -107,7 +107,7 @@ class Snapshot:
     flights : Flights or None
         Samples of the initial belief up to their first contacts, where `predict` was asked for events that
         need them.
-    received : Received or None
+    received : RemoteAnswers or None
         Answers of a prediction that was made elsewhere.
     wide : (R, B, 13) array or None
         States of rollouts of a belief that is twice as wide, where the propagator looked for rare outcomes.
@@ -120,7 +120,7 @@ class Snapshot:
     draw_rollouts: Callable[[], np.ndarray] | None = None
     first_contacts: np.ndarray | None = None
     flights: Flights | None = None
-    received: Received | None = None
+    received: RemoteAnswers | None = None
     wide: np.ndarray | None = None
 
     @cached_property

@@ -18,7 +18,7 @@ from ..dynamics import contact_history as histories
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .free_flight import Flight
-from .joining import Frame, Part
+from .joining import JointIsland, Part
 from .options import Option
 
 SAMPLES_LIMIT = 10_000_000
@@ -273,7 +273,7 @@ class Islands(ABC):
     """
 
     @abstractmethod
-    def join(self, carries: Sequence[Any], parts: Sequence[Part], frame: Frame) -> Any:
+    def join(self, carries: Sequence[Any], parts: Sequence[Part], joint: JointIsland) -> Any:
         """Return one carry for the bodies of several islands, which were independent of each other.
 
         Parameters
@@ -283,7 +283,7 @@ class Islands(ABC):
         parts : sequence of Part
             Where each island's bodies are among the joint ones (`joining.joined_means`,
             `joining.joined_history`).
-        frame : Frame
+        joint : JointIsland
             The joint bodies.
         """
 

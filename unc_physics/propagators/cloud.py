@@ -191,29 +191,29 @@ class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlig
             carry.shared[:] = carries[-1].shared
             carry.runs.clear()
 
-    def join(self, carries, parts, frame):
-        states = np.tile(frame.mean, (len(carries[0].states), 1, 1))
-        moving = np.zeros(frame.moving, np.int64)
-        parameters = np.zeros((len(states), frame.parameters))
+    def join(self, carries, parts, joint):
+        states = np.tile(joint.mean, (len(carries[0].states), 1, 1))
+        moving = np.zeros(joint.moving, np.int64)
+        parameters = np.zeros((len(states), joint.parameters))
         roots, columns, simulated = [], [], []
-        own_columns, own_simulated = np.zeros(frame.parameters, np.int64), np.zeros(frame.parameters, bool)
+        own_columns, own_simulated = np.zeros(joint.parameters, np.int64), np.zeros(joint.parameters, bool)
         for carry, part in zip(carries, parts, strict=True):
             size = carry.root.shape[1]
             states[:, part.bodies] = carry.states
             parameters[:, part.parameters] = carry.parameters
             moving[part.moving] = part.bodies[carry.moving]
-            root = np.zeros((frame.moving, ERROR, size))
+            root = np.zeros((joint.moving, ERROR, size))
             root[part.moving] = carry.root.reshape(len(carry.moving), ERROR, size)
-            roots.append(root.reshape(ERROR * frame.moving, size))
+            roots.append(root.reshape(ERROR * joint.moving, size))
             columns.append(carry.columns[:size])
             simulated.append(carry.simulated[:size])
             own_columns[part.parameters] = carry.columns[size:]
             own_simulated[part.parameters] = carry.simulated[size:]
         return carries[0]._replace(
             states=states,
-            contact_history=joined_history(carries, parts, frame),
+            contact_history=joined_history(carries, parts, joint),
             parameters=parameters,
-            mean=joined_means(carries, parts, frame),
+            mean=joined_means(carries, parts, joint),
             root=np.concatenate(roots, axis=1),
             moving=moving,
             columns=np.concatenate([*columns, own_columns]),

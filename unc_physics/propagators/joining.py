@@ -30,8 +30,8 @@ class Part(NamedTuple):
     parameters: np.ndarray
 
 
-class Frame(NamedTuple):
-    """The island that is to be.
+class JointIsland(NamedTuple):
+    """The island that several islands are joined to.
 
     Attributes
     ----------
@@ -48,27 +48,30 @@ class Frame(NamedTuple):
     parameters: int
 
 
-def joined_means(carries: Sequence[Any], parts: Sequence[Part], frame: Frame) -> np.ndarray:
+def joined_means(carries: Sequence[Any], parts: Sequence[Part], joint: JointIsland) -> np.ndarray:
     """(B, 13): the joint ``mean`` of carries that have one."""
-    mean = frame.mean.copy()
+    mean = joint.mean.copy()
     for carry, part in zip(carries, parts, strict=True):
         mean[part.bodies] = carry.mean
     return mean
 
 
-def joined_blocks(blocks: Sequence[np.ndarray], parts: Sequence[Part], frame: Frame) -> np.ndarray:
-    """(M, ...): what each moving body has, from the islands' (m, ...)."""
-    joint = np.empty((frame.moving, *blocks[0].shape[1:]))
+def joined_blocks(blocks: Sequence[np.ndarray], parts: Sequence[Part], joint: JointIsland) -> np.ndarray:
+    """Return values of all moving bodies (M, ...) from those of the islands (m, ...)."""
+    values = np.empty((joint.moving, *blocks[0].shape[1:]))
     for own, part in zip(blocks, parts, strict=True):
-        joint[part.moving] = own
-    return joint
+        values[part.moving] = own
+    return values
 
 
 def joined_history(
-    carries: Sequence[Any], parts: Sequence[Part], frame: Frame, rows: Sequence[np.ndarray] | None = None
+    carries: Sequence[Any],
+    parts: Sequence[Part],
+    joint: JointIsland,
+    rows: Sequence[np.ndarray] | None = None,
 ) -> ContactHistory:
     """Return the contact history of joint rollouts; ``rows`` are the rollouts of each carry (None: all)."""
     found = [carry.contact_history for carry in carries]
     if rows is None:
         rows = [np.arange(len(history.first_time)) for history in found]
-    return histories.joined(found, rows, [part.bodies for part in parts], frame.world)
+    return histories.joined(found, rows, [part.bodies for part in parts], joint.world)

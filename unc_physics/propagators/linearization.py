@@ -104,21 +104,21 @@ class Linearization(Propagator, Islands, ClosedFormFlight, ContactModes):
     def belief(self, carry, scene):
         return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
 
-    def join(self, carries, parts, frame):
-        root = np.zeros((frame.moving, ERROR, sum(carry.root.shape[1] for carry in carries)))
+    def join(self, carries, parts, joint):
+        root = np.zeros((joint.moving, ERROR, sum(carry.root.shape[1] for carry in carries)))
         column = 0
         for carry, part in zip(carries, parts, strict=True):
             rank = carry.root.shape[1]
             root[part.moving, :, column : column + rank] = carry.root.reshape(len(part.moving), ERROR, rank)
             column += rank
         judged = len(carries[0].contact_mode_uncertain_since) > 0
-        uncertain = np.full(len(frame.mean) if judged else 0, np.inf)
+        uncertain = np.full(len(joint.mean) if judged else 0, np.inf)
         for carry, part in zip(carries, parts, strict=True) if judged else ():
             uncertain[part.bodies] = np.minimum(uncertain[part.bodies], carry.contact_mode_uncertain_since)
         return carries[0]._replace(
-            mean=joined_means(carries, parts, frame),
-            root=root.reshape(ERROR * frame.moving, -1),
-            contact_history=joined_history(carries, parts, frame),
+            mean=joined_means(carries, parts, joint),
+            root=root.reshape(ERROR * joint.moving, -1),
+            contact_history=joined_history(carries, parts, joint),
             contact_mode_uncertain_since=uncertain,
         )
 

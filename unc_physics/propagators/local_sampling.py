@@ -85,11 +85,11 @@ class LocalSampling(Propagator, Islands, ClosedFormFlight):
         P = 0.5 * (carry.covariance + carry.covariance.transpose(0, 2, 1))
         return Belief.trusted(carry.mean.copy(), P, scene.moving)
 
-    def join(self, carries, parts, frame):
+    def join(self, carries, parts, joint):
         return carries[0]._replace(
-            mean=joined_means(carries, parts, frame),
-            covariance=joined_blocks([carry.covariance for carry in carries], parts, frame),
-            contact_history=joined_history(carries, parts, frame),
+            mean=joined_means(carries, parts, joint),
+            covariance=joined_blocks([carry.covariance for carry in carries], parts, joint),
+            contact_history=joined_history(carries, parts, joint),
         )
 
     def propagate_flight(self, carry, flight):

@@ -141,14 +141,14 @@ class MonteCarlo(Propagator, Samples, Rollouts, JointlySampledIslands):
             P += common_covariance(carry.motion, course_of(scene.world, carry.step), len(scene.moving))
         return Belief.trusted(mean, P, scene.moving)
 
-    def join(self, carries, parts, frame):
+    def join(self, carries, parts, joint):
         count = len(carries[0].states)
-        states, z = np.tile(frame.mean, (count, 1, 1)), np.zeros((count, frame.parameters))
+        states, z = np.tile(joint.mean, (count, 1, 1)), np.zeros((count, joint.parameters))
         for carry, part in zip(carries, parts, strict=True):
             states[:, part.bodies] = carry.states
             z[:, part.parameters] = carry.parameters
         return carries[0]._replace(
-            states=states, contact_history=joined_history(carries, parts, frame), parameters=z
+            states=states, contact_history=joined_history(carries, parts, joint), parameters=z
         )
 
     def part(self, carry, bodies, parameters):

@@ -104,14 +104,14 @@ class SigmaPoints(Propagator, PointPairs, Islands, ClosedFormFlight):
             P += common_covariance(carry.motion, course_of(scene.world, carry.step), len(scene.moving))
         return Belief.trusted(mean, P, scene.moving)
 
-    def join(self, carries, parts, frame):
+    def join(self, carries, parts, joint):
         """More directions take points farther out: what is odd in a direction grows along, what is even by
         the square.
         """
         counts = [len(carry.states) // 2 for carry in carries]
         total = sum(counts)
-        states = np.tile(frame.mean, (2 * total + 1, 1, 1))
-        z = np.zeros((2 * total + 1, frame.parameters))
+        states = np.tile(joint.mean, (2 * total + 1, 1, 1))
+        z = np.zeros((2 * total + 1, joint.parameters))
         rows, first = [], 1
         for carry, part, count in zip(carries, parts, counts, strict=True):
             plus = np.arange(first, first + count)
@@ -124,7 +124,7 @@ class SigmaPoints(Propagator, PointPairs, Islands, ClosedFormFlight):
             z[np.ix_(own, part.parameters)] = carry.parameters * far
             rows.append(own)
         return carries[0]._replace(
-            states=states, contact_history=joined_history(carries, parts, frame, rows), parameters=z
+            states=states, contact_history=joined_history(carries, parts, joint, rows), parameters=z
         )
 
     def propagate_flight(self, carry, flight):

@@ -77,11 +77,11 @@ class Surrogate(Propagator, Islands, ClosedFormFlight):
         P = carry.roots @ carry.roots.transpose(0, 2, 1)
         return Belief.trusted(carry.mean.copy(), 0.5 * (P + P.transpose(0, 2, 1)), scene.moving)
 
-    def join(self, carries, parts, frame):
+    def join(self, carries, parts, joint):
         return carries[0]._replace(
-            mean=joined_means(carries, parts, frame),
-            roots=joined_blocks([carry.roots for carry in carries], parts, frame),
-            contact_history=joined_history(carries, parts, frame),
+            mean=joined_means(carries, parts, joint),
+            roots=joined_blocks([carry.roots for carry in carries], parts, joint),
+            contact_history=joined_history(carries, parts, joint),
         )
 
     def propagate_flight(self, carry, flight):

@@ -36,7 +36,7 @@ from ...prediction.events import Event, InRegion, Touches
 from ...prediction.marks import RESOLUTION, mark_at
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
-from ...prediction.snapshot import ContactTime, Probability, Received, Snapshot
+from ...prediction.snapshot import ContactTime, Probability, RemoteAnswers, Snapshot
 from ...prediction.status import assess_all
 from ...propagators.base import Samples, rollout_count
 from ...propagators.modes import Mode, only_mode
@@ -455,10 +455,10 @@ def _received(message, query, belief, at_origins, k):
     """
     statuses = tuple(_status(predicted, k) for predicted in message.objects)
     if k < len(message.objects[0].states) - 1:
-        return Received(statuses, None, {}, {}, at_origins)
+        return RemoteAnswers(statuses, None, {}, {}, at_origins)
     answers = read_probabilities(message, query.scene, query.regions)
     if not query.outputs.modes:
-        return Received(statuses, None, *answers, at_origins)
+        return RemoteAnswers(statuses, None, *answers, at_origins)
     modes = []
     for b, predicted in enumerate(message.objects):
         own = predicted.states[-1].modes
@@ -467,7 +467,7 @@ def _received(message, query, belief, at_origins, k):
         else:
             origin = np.array(query.scene.bodies[b].model.origin)
             modes.append(tuple(_mode(mode, origin) for mode in own))
-    return Received(statuses, tuple(modes), *answers, at_origins)
+    return RemoteAnswers(statuses, tuple(modes), *answers, at_origins)
 
 
 def _status(predicted: Any, k: int):
