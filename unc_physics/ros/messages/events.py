@@ -62,8 +62,9 @@ def message_of(event: Event, field: str) -> EventMessage:
     if row is None:
         known = ", ".join(kind.__name__ for kind in EVENT_MESSAGES)
         raise NotSupportedError(f"has no message; there are {known}", field=field, value=str(event))
+    kind: Any = type(event)
     for name in row.fixed:
-        value, default = getattr(event, name), getattr(type(event)("default"), name)
+        value, default = getattr(event, name), getattr(kind("default"), name)
         if (value != default) if isinstance(value, float) else value is not default:
             raise NotSupportedError(
                 "is fixed at the node; leave it out", field=f"{name} of '{event}'", value=value
