@@ -15,8 +15,8 @@ PRESETS = {
     "paper": {"gravity": (0.0, 0.0, 0.0)},
     "everyday": _EVERYDAY
     | {
-        "friction": 0.3,
-        "friction_std": 0.15,
+        "friction": 0.25,
+        "friction_std": 0.12,
         "restitution": 0.25,
         "restitution_std": 0.15,
         "impact_friction_speed": 3.0,  # m/s
