@@ -245,7 +245,7 @@ class SceneTopics:
         self._node, self._parameters, self._library = node, parameters, library
         self._frames, self._work, self._replaced = frames, work, replaced
         self._waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
-        self._sources: list[_Source] = []
+        self._sources: list[_StreamSource] = []
         self._tracked: dict[str, Any] = {}  # header and state of each topic's newest pose
         self._subscriptions = []
         self._subscribe(Scene, f"{under}/scene", self._source(detected=False).put)
@@ -282,7 +282,7 @@ class SceneTopics:
         )
 
     def _source(self, detected):
-        self._sources.append(_Source(detected, self._frames, self._waiting, self._work, self._replaced))
+        self._sources.append(_StreamSource(detected, self._frames, self._waiting, self._work, self._replaced))
         return self._sources[-1]
 
     def close(self) -> None:
@@ -323,7 +323,7 @@ class SceneTopics:
         self._of_detectors.put(*scene_of_detections(detections, self._library, settings.tracked_mass))
 
 
-class _Source:
+class _StreamSource:
     """Source of scenes, which wait for their transforms concurrently."""
 
     def __init__(self, detected, frames, waiting, work, replaced):
