@@ -56,7 +56,7 @@ def push_predictions(
             yield {MARGINAL: _states(_moved(k, own, folder)), STILL: _states(planar_before(k, folder)[None])}
             continue
         if by == OURS:
-            push = uncertain_push(k, folder) if calibrated else push_scene(k, None, folder=folder)
+            push = uncertain_push(k, calibrated, folder)
             propagator = make_propagator(MONTE_CARLO, samples=SAMPLES, seed=int(rng.integers(1 << 30)))
             prediction = predict(push.scene, push.belief, propagator, push.horizon)
             places = planar(prediction.samples()[:, 0])

@@ -94,7 +94,7 @@ class _MuJoCo(MuJoCoRollouts):
         self._model.opt.gravity[:] = value
 
     def step(self):
-        self._mujoco.mj_step(self._model, self._data, nstep=1)
+        self._mujoco.mj_step(self._model, self._data)
         return self._data.ncon > 0
 
     def velocity(self):

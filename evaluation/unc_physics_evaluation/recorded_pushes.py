@@ -250,7 +250,7 @@ def push_scene(
     ----------
     k : int
     frictions : Frictions or None
-        None stands for those of everyday objects.
+        None stands for those of everyday objects, block, tips and table each with its own.
     load_std, frame_std : float
         Standard deviations of the place of the load and of the pusher [m].
     folder : Path
@@ -266,7 +266,11 @@ def push_scene(
     tip_surface: dict[str, Any] = {}
     table_surface: dict[str, Any] = {}
     physics: dict[str, Any] = {}
-    if frictions is not None:
+    if frictions is None:
+        unknown = Scene.everyday([RigidBody("block", block(int(pushes.support[k])), pushes.mass)])
+        block_surface = {"friction": unknown.friction, "friction_std": unknown.friction_std}
+        tip_surface = table_surface = block_surface
+    else:
         # a contact has the geometric mean of its partners' frictions; the block's is 1
         table, tip, table_std, tip_std = frictions
         block_surface = {"friction": 1.0}
@@ -299,9 +303,10 @@ def push_scene(
     return Push(scene, Belief.exact(mean, scene.moving), float(times[-1]) + 0.1)
 
 
-def uncertain_push(k: int, folder: Path = FOLDER) -> Push:
-    """Push ``k`` with measured frictions, and what is not known of them, of the load and of the pusher."""
-    return push_scene(k, measured_frictions(k, folder), _LOAD_STD, _FRAME_STD, folder)
+def uncertain_push(k: int, measured: bool = True, folder: Path = FOLDER) -> Push:
+    """Push ``k`` with uncertain frictions, as measured or not, and uncertain places of load and pusher."""
+    frictions = measured_frictions(k, folder) if measured else None
+    return push_scene(k, frictions, _LOAD_STD, _FRAME_STD, folder)
 
 
 def _state(planar, pushes):

@@ -31,14 +31,3 @@ def bootstrap(values: np.ndarray, rng: np.random.Generator, resamples: int = 200
 def rms(values: np.ndarray) -> float:
     """Root mean square of values (n,)."""
     return float(np.sqrt(np.mean(np.square(values))))
-
-
-def rms_difference(
-    first: np.ndarray, second: np.ndarray, rng: np.random.Generator, resamples: int = 2000
-) -> tuple[float, float]:
-    """2.5 % and 97.5 % quantiles of the first values' root mean square less the second's, (n,) each, in pairs
-    that are drawn anew with replacement.
-    """
-    drawn = rng.integers(len(first), size=(resamples, len(first)))
-    one, other = (np.sqrt(np.mean(np.square(values)[drawn], axis=1)) for values in (first, second))
-    return tuple(np.quantile(one - other, [0.025, 0.975]).tolist())

@@ -142,7 +142,7 @@ def calibrate(
     times : sequence of float
         At which predictions are scored, beside each motion's end [s].
     samples : int, optional
-        Of each motion's prediction; by default 24 of 30 motions, and more of fewer.
+        Of each motion's prediction; by default 16 of 30 motions, and more of fewer.
     evaluations : int
         Models that the search tries on a dozen of the motions, at least four times as many as there are
         things to fit. Some more, on all motions, follow for the uncertainty of the values.

@@ -23,7 +23,7 @@ from .motions import Motion
 from .quaternions import of_vectors, product
 
 TIMES = (0.1, 0.2, 0.4)  # after the start at which predictions are scored, beside the end [s]
-DRAWS = 720  # samples of all motions together
+DRAWS = 480  # samples of all motions together
 WEIGHTS = 0.3, 1.0  # of the logarithmic scores of poses, and of how a body lies at the end
 _WIDE = 0.2, 1.5  # of what no sample showed [m], [rad]
 _LOST = 1e3  # m, from which a sample counts as thrown away

@@ -63,7 +63,8 @@ def as_scene_file(scene: Scene) -> str:
     content["environment"] = [_element(element) for element in scene.environment]
     inertia: dict = {"name": body.name}
     if body.inertia is not None:
-        inertia["inertia"] = [[float(f"{v:.4g}") for v in row] for row in body.inertia]
+        rounding = 1e-9 * np.abs(body.inertia).max()
+        inertia["inertia"] = [[0.0 if abs(v) < rounding else float(v) for v in row] for row in body.inertia]
     content["bodies"] = [inertia]
     return yaml.safe_dump(_rounded(content), sort_keys=False, default_flow_style=None)
 

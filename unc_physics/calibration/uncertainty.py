@@ -17,6 +17,7 @@ import numpy as np
 from .posterior import PRIOR_WEIGHT, Posterior
 
 _FIRST, _LARGEST = 0.7, 1.4  # steps of differences, in standard deviations of the priors
+_CLOSE = 0.3  # of a step, within which a bound is in the way
 _LOOKS = 3  # at most, for the step of a value
 _SURE = 3.0  # standard errors by which a score must curve over a step
 _WIDE = 12.0  # standard deviations of a value that a step is at most
@@ -119,10 +120,10 @@ def _axis(posterior, x, middle, k) -> _Axis:
 
 
 def _along(posterior, x, middle, k, step) -> _Axis:
-    """Differences along coordinate k; on one side where a bound is on the other."""
-    a, b = step, -step
+    """Differences along coordinate k, less far towards a bound; on one side where it is too close."""
     room = posterior.high[k] - x[k], x[k] - posterior.low[k]
-    if min(room) < step:
+    a, b = min(step, room[0]), -min(step, room[1])
+    if min(a, -b) < _CLOSE * step:
         a = min(step, 0.5 * max(room)) * (1.0 if room[0] > room[1] else -1.0)
         b = 2.0 * a
     first, second = posterior.at(posterior.moved(x, k, a)), posterior.at(posterior.moved(x, k, b))

@@ -56,7 +56,7 @@ def add_calibrate_command(commands) -> None:
         "--samples",
         type=int,
         metavar="N",
-        help="samples of each prediction (default: 24 of 30 motions, more of fewer)",
+        help="samples of each prediction (default: 16 of 30 motions, more of fewer)",
     )
     parser.add_argument(
         "--evaluations", type=int, metavar="N", help="models that the search tries (default 80)"

@@ -7,7 +7,7 @@ Friction is that of sliding on another dry, clean surface of a household. Source
 - [sae] Strauss et al. 2002, SAE 2002-01-3104: pallets on a floor of hardwood, kinetic.
 - [openstax] OpenStax, University Physics, volume 1, section 6.2 (CC BY 4.0): kinetic coefficients.
 - [factbook] The Physics Factbook, coefficients of restitution: balls dropped on a hard floor.
-- [tosses] Calibrated to the tosses of `unc_physics evaluate tosses`.
+- [tosses] Calibrated to the cube tosses of `unc_physics evaluate reality`.
 
 Boxes and bottles rebound less than solid balls of their material, as edges and walls vibrate. So restitution
 is a half to three quarters of that of a ball, with a standard deviation that includes the ball's.
