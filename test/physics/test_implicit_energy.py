@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 from plain_scenes import G, course, energy, sphere_centers, state
 
-from unc_physics import RigidBody, Scene, load_model
+from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.scene.environment import Box, Plane
 
 SCENES = 5000 if settings.get_current_profile_name() == "thousands" else 100
@@ -103,3 +103,30 @@ def test_a_body_that_rolls_on_its_side_keeps_its_speed(name, spheres, tolerance,
         start[11] = speed / start[2]
         speeds = np.linalg.norm(course(scene, start[None], np.arange(1.0, 9.0))[..., 3:5], axis=-1)
         np.testing.assert_allclose(speeds, speed, rtol=tolerance)
+
+
+@pytest.mark.parametrize(("dt", "limit"), [(1 / 60, 0.2), (1 / 120, 0.03), (1 / 240, 0.01), (1 / 1000, 0.01)])
+@pytest.mark.parametrize(
+    ("name", "spheres"), [("salt_box", 8), ("salt_box", 60), ("brick", 100), ("can", 60)]
+)
+def test_tumbling_bodies_of_few_spheres_gain_no_energy(name, spheres, dt, limit):
+    """Edges that land at once bear a body that turns; 100 tosses, relative to the energy of a fall of 0.1 m."""
+    body = RigidBody("thing", load_model(name).prefix(spheres))
+    scene = Scene.everyday([body], exact=True, dt=dt, environment=[Plane()], friction=0.3, restitution=0.25)
+    thrown = BodyBelief(
+        position=(0, 0, 0.2),
+        position_std=0.03,
+        orientation_std=1.0,
+        linear_velocity=(0.3, 0, -0.3),
+        linear_velocity_std=0.5,
+        angular_velocity_std=6.0,
+    )
+    belief = Belief.of(scene, {"thing": thrown})
+    times = np.arange(FRAME, TIME, FRAME)
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=100, seed=1), times=times)
+    energies = np.array(
+        [[energy(scene, x) for x in prediction.samples(time=time)] for time in prediction.times]
+    )
+    assert np.isfinite(energies).all()
+    rises = energies[1:] - np.minimum.accumulate(energies)[:-1]
+    assert rises.max() < limit * scene.bodies[0].mass * G * 0.1

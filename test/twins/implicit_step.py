@@ -440,6 +440,8 @@ def rolling_contacts(scene, contacts, before, x, J, lead, lowest, h):
         push, arm = (start - end) / size, middle_of(c) - x[c.i, P]
         if abs(least - arm @ n) >= roll_depth(scene, radius) or abs(push - foot) >= FARTHEST * size * radius:
             continue
+        if abs(arm @ ahead - foot) >= WIDTH * radius:
+            continue
         rolled = np.cross(-0.5 * h * (w @ n) * n, arm) + arm
         rolled = rolled + (push - rolled @ ahead) * ahead + 0.5 * (start - end) * n
         inverse = inverse_mass(scene, x)[6 * c.i : 6 * c.i + 6, 6 * c.i : 6 * c.i + 6]

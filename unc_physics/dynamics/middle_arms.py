@@ -107,6 +107,7 @@ def push_in_the_middle(h, fall, world, work):
                 arm = lever_arm(rows[c], MOMENT_I, *axes)
                 push_arm = placed_arm(spun_arm(arm, n, turn), places, n, along)
                 moves = abs(least - dot(n, arm)) < depth and abs(places[0] - places[2]) < farthest
+                moves = moves and abs(dot(arm, along) - places[2]) < _WIDTH * world.bodies.radius[i]
                 if moves and _yields(rows[c], push_arm, work.inverse_inertia[i]):
                     rows[c, ROLLING] = rate * (dot(arm, along) - places[2])
                     _push_at(rows[c], push_arm, axes, work.inverse_inertia[i])
