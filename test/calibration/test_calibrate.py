@@ -32,7 +32,7 @@ def test_parameters_come_back(found):
     for name, true in (("friction", 0.3), ("restitution", 0.3)):
         one = fitted[name]
         assert abs(one.value - true) < 4.0 * one.std, name
-        assert one.determined and one.std < 0.05, name
+        assert one.determined and one.std < 0.06, name
         assert abs(one.value - true) < 0.4 * abs(one.before - true), name
     assert 0.015 < fitted["impact_direction_std"].value < 0.12
     assert found.objective[1] < found.objective[0]

@@ -110,7 +110,7 @@ def test_a_body_that_rolls_on_its_side_keeps_its_speed(name, spheres, tolerance,
     ("name", "spheres"), [("salt_box", 8), ("salt_box", 60), ("brick", 100), ("can", 60)]
 )
 def test_tumbling_bodies_of_few_spheres_gain_no_energy(name, spheres, dt, limit):
-    """Edges that land at once bear a body that turns; 100 tosses, relative to the energy of a fall of 0.1 m."""
+    """Edges that land at once bear a body that turns: 100 tosses, beside the energy of a fall of 0.1 m."""
     body = RigidBody("thing", load_model(name).prefix(spheres))
     scene = Scene.everyday([body], exact=True, dt=dt, environment=[Plane()], friction=0.3, restitution=0.25)
     thrown = BodyBelief(

@@ -438,7 +438,8 @@ def rolling_contacts(scene, contacts, before, x, J, lead, lowest, h):
         # the axis does not turn, so places along it stay
         start = support(body, earlier.as_matrix(), n, ahead, axis, anchor)[1]
         push, arm = (start - end) / size, middle_of(c) - x[c.i, P]
-        if abs(least - arm @ n) >= roll_depth(scene, radius) or abs(push - foot) >= FARTHEST * size * radius:
+        farthest = min(FARTHEST * size, WIDTH) * radius
+        if abs(least - arm @ n) >= roll_depth(scene, radius) or abs(push - foot) >= farthest:
             continue
         if abs(arm @ ahead - foot) >= WIDTH * radius:
             continue

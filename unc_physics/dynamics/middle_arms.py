@@ -97,7 +97,7 @@ def push_in_the_middle(h, fall, world, work):
         if ids[lead, 1] < 0 and _turns_across(n, times(world.dt / h, turn)):
             along, depth = rolling_direction(n, turn), rolling_depth(fall, rows[lead, ROLL_RADIUS])
             rate = dot(three(work.velocity[FREE], i, 3), cross(along, n))
-            farthest = _FARTHEST * dot(turn, cross(n, along)) * world.bodies.radius[i]
+            farthest = min(_FARTHEST * dot(turn, cross(n, along)), _WIDTH) * world.bodies.radius[i]
             for c in range(first, last):
                 if rows[c, LEAD] != lead:
                     continue
