@@ -148,12 +148,16 @@ $(MADE)/ros: $(MADE)/run requirements/ros.txt
 	@$(PIP) -r requirements/ros.txt
 	@touch $@
 
+# Removed before they are built again, as libraries that a build no longer makes would stay and be loaded.
+INSTALLED_INTERFACES = $(VENV)/lib/libunc_physics_msgs__* $(VENV)/share/unc_physics_msgs \
+    $(VENV)/lib/python3.*/site-packages/unc_physics_msgs
+
 $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | $(MADE)/ros
 	@echo "[3] Building unc_physics_msgs, beside the other steps: about a minute ..."
-	@rm -rf $(MADE)/build && mkdir $(MADE)/build
+	@rm -rf $(MADE)/build $(INSTALLED_INTERFACES) && mkdir $(MADE)/build
 	@{ $(CMAKE) -S unc_physics_msgs -B $(MADE)/build -DCMAKE_BUILD_TYPE=Release -DCPP_INTERFACES=OFF \
-	        -DINTROSPECTION=OFF -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=20 \
-	        -DBUILD_TESTING=OFF -DCMAKE_PROJECT_INCLUDE="$(CURDIR)/cmake/ros_wheels.cmake" \
+	        -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=20 -DBUILD_TESTING=OFF \
+	        -DCMAKE_PROJECT_INCLUDE="$(CURDIR)/cmake/ros_wheels.cmake" \
 	        -DPython3_EXECUTABLE="$(PREFIX)/bin/python" -DCMAKE_INSTALL_PREFIX="$(PREFIX)" && \
 	    $(CMAKE) --build $(MADE)/build --parallel 2 && $(CMAKE) --install $(MADE)/build; \
 	} > $(MADE)/interfaces.log 2>&1 || { tail -n 30 $(MADE)/interfaces.log; exit 1; }

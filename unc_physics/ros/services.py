@@ -67,7 +67,6 @@ _GUID, _GUID_PREFIX = 16, 12  # bytes of the id of an endpoint, and of its parti
 
 
 _INTROSPECTION = {
-    "disabled": ServiceIntrospectionState.OFF,
     "metadata": ServiceIntrospectionState.METADATA,
     "contents": ServiceIntrospectionState.CONTENTS,
 }
@@ -75,6 +74,8 @@ _INTROSPECTION = {
 
 def introspect(service, server) -> None:
     """Have a service publish events of its calls, as the parameter ``service_introspection`` says."""
+    if server.settings.service_introspection == "disabled":
+        return  # rclpy would create the publisher of events all the same
     state = _INTROSPECTION[server.settings.service_introspection]
     service.configure_introspection(server.node.get_clock(), qos_profile_services_default, state)
 
