@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from plain_scenes import BALL, BLOCK, G, state
+from scipy.stats import norm
 
 from unc_physics import (
     AtRest,
@@ -12,6 +14,7 @@ from unc_physics import (
     Plane,
     RigidBody,
     Scene,
+    Wrench,
     encounters,
     load_model,
     make_propagator,
@@ -111,3 +114,25 @@ def test_what_lies_on_a_table_stays_there(thrown):
     points = predict(scene, lying, "sigma_points", 3.0, events=[AtRest("near")])
     found = points.probability(AtRest("near"))  # flights end at the table
     assert (found.low, found.estimate, found.high) == (0.0, 0.5, 1.0)
+
+
+def test_rollouts_of_scenes_with_actions_have_uncertain_friction():
+    """A block slides v^2 / (2 mu g), beyond the distance for 0.8 mu if its friction is lower than this.
+
+    The logarithm of its friction is normal with a standard deviation of ``std / mu``.
+    """
+    mu, std, speed = 0.4, 0.1, 1.0
+    push = Wrench(force=(0.1, 0.0, 0.0), duration=0.1)
+    scene = Scene.everyday(
+        [RigidBody("block", BLOCK, 0.4), RigidBody("ball", BALL, 0.5, wrenches=[push])],
+        exact=True,
+        environment=[Plane(name="floor")],
+        friction=mu,
+        friction_std=std,
+    )
+    mean = [state((0.0, 0.0, 0.02), (speed, 0.0, 0.0)), state((0.0, 3.0, 1.0))]
+    reach = speed**2 / (2.0 * 0.8 * mu * G)
+    beyond = InRegion("block", BoxRegion("beyond", (2.0, 1.0, 1.0), (reach + 1.0, 0.0, 0.0)))
+    found = predict(scene, Belief.exact(mean), "sigma_points", 0.8, events=[beyond]).probability(beyond)
+    assert found.method == "flights" and found.rollouts == 1000
+    assert found.estimate == pytest.approx(norm.cdf(np.log(0.8) * mu / std), abs=0.04)  # 3 standard errors

@@ -21,6 +21,7 @@ from ..dynamics.world import Bodies, World
 from ..propagators.start import constrain_belief, draw, resolve_initial_overlap
 from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
+from ..scene.parameters import draw_parameters, rollout_varied
 from ..scene.scene import Scene
 from .marks import Mark
 
@@ -68,27 +69,30 @@ def first_contacts(
     """
     initial = constrain_belief(scene, initial)
     states, history = resolve_initial_overlap(scene, initial, draw(scene, initial, samples, seed))
+    z = draw_parameters(scene, samples, seed)
     if scene.acts:  # which first contacts do not decide
-        states = start_states(scene, states, np.zeros((samples, 0)))
+        states = start_states(scene, states, z)
     elif history.solver is not None:  # flights begin without contacts
         history.solver.count[:], history.solver.rest_steps[:] = 0, 0
     stopped = np.full(states.shape[:2], np.inf, history.first_time.dtype)
     found: list[Flights] = []
     done = 0
     for mark in marks:
-        _advance(states, history, stopped, scene, done, mark.steps - done)
+        _advance(states, history, stopped, scene, z, done, mark.steps - done)
         done = mark.steps
         own, contacts, ended = states.copy(), histories.copy(history), stopped.copy()
         if mark.rest > 0.0:
-            _advance(own, contacts, ended, scene.with_short_step(done, mark.rest), done, 1)
+            _advance(own, contacts, ended, scene.with_short_step(done, mark.rest), z, done, 1)
         found.append(Flights(own, contacts.first_time, ended))
     return found
 
 
-def _advance(states, history, stopped, scene, begin, steps):
-    """Advance the flights in place; where a robot acts, nothing is stopped."""
+def _advance(states, history, stopped, scene, z, begin, steps):
+    """Advance the flights in place. Where a robot acts, nothing is stopped, and parameters ``z`` matter."""
     world, first = scene.world, history.first_time
-    if scene.acts:
+    if scene.acts and scene.uncertain:
+        rollout_varied(states, history, scene, z, begin, steps)
+    elif scene.acts:
         rollout(states, history, world, begin, steps)
     elif world.implicit is None:
         _fly(states, first, stopped, world, world.environment, begin, steps)
