@@ -4,6 +4,7 @@ import pytest
 
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import ErrorCode
+from unc_physics_evaluation.experiments import BY_NAME
 
 
 def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
@@ -65,4 +66,4 @@ def test_help_tells_apart_what_runs_only_where_named(capsys):
         main(["evaluate", "--help"])
     listed, _, by_name = " ".join(capsys.readouterr().out.split()).partition("Only where named")
     assert "calibration" in listed and "same_bits" not in listed
-    assert by_name.endswith("propagators, packing, same_bits.")
+    assert by_name.endswith(f": {', '.join(BY_NAME)}.") and "same_bits" in BY_NAME

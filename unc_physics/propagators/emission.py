@@ -65,7 +65,7 @@ class Group(NamedTuple):
     flew: bool
 
 
-class Fit(NamedTuple):
+class GroupFit(NamedTuple):
     """The surface of a group, for all times at which the same bodies have met.
 
     Attributes
@@ -99,7 +99,7 @@ class Moments(NamedTuple):
     Attributes
     ----------
     group : Group
-    fit : Fit
+    fit : GroupFit
     mean : (m, 13) array
         Of the rollouts' outcomes, without common motion.
     errors : (N, 12 m) array
@@ -117,7 +117,7 @@ class Moments(NamedTuple):
     """
 
     group: Group
-    fit: Fit
+    fit: GroupFit
     mean: np.ndarray
     errors: np.ndarray
     left_out: np.ndarray
@@ -139,12 +139,12 @@ class Shared(NamedTuple):
     ----------
     groups : dict of bytes to list of Group
         By who has met whom.
-    fits : dict of bytes to Fit
+    fits : dict of bytes to GroupFit
         By `Group.key`.
     """
 
     groups: dict[bytes, list[Group]]
-    fits: dict[bytes, Fit]
+    fits: dict[bytes, GroupFit]
 
 
 class Runs(NamedTuple):
@@ -498,7 +498,7 @@ def _error(outcomes, left_out, weights):
 
 
 def _fit(runs, scene, group, reduced, scaled):
-    """A group's `Fit`, through its outcomes by their spread (N, 12 m)."""
+    """A group's `GroupFit`, through its outcomes by their spread (N, 12 m)."""
     d = len(group.columns)
     relative = np.eye(d) if reduced is None else reduced.relative
     own = runs.z[:, group.columns]
@@ -520,7 +520,7 @@ def _fit(runs, scene, group, reduced, scaled):
     mean_row[: found.shape[1]] += found.mean(axis=0) - here.mean(axis=0)
     # a kernel, not LAPACK, whose threads wait for each other
     root, _ = pivoted_cholesky(second_moment(found - found.mean(axis=0)), _RANK)
-    return Fit(reduced, transform, x, surface, found, mean_row, np.ascontiguousarray(root.T))
+    return GroupFit(reduced, transform, x, surface, found, mean_row, np.ascontiguousarray(root.T))
 
 
 @kernel
