@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..scene.belief import Belief
-from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR
+from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, VELOCITY
 from ..spatial.moments import boxminus, mean_and_errors, second_moment
 
 _MOST = 5  # modes
@@ -28,6 +28,9 @@ _EMPTY = 2.0
 #: Standard deviations from a mode's median at which a rollout is no part of it; of a normal distribution over
 #: its median absolute deviation; and the least in [body radii, rad].
 _STRANGE, _NORMAL, _LEAST_SCALE = 8.0, 1.4826, 0.05
+#: Time for which rollouts go on at their velocity before such a one is compared to others [s]: about that of
+#: a fall from a table.
+_SOON = 0.3
 
 
 class Mode(NamedTuple):
@@ -68,16 +71,19 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
     Coordinates are positions and rotations in units of their spread; those that spread by less than 1 % of
     the body's radius, or 0.01 rad, do not count. k-means from several starts divides the rollouts in two, and
     the cut is where the gap along the line between both means is widest. Parts are divided again as long as
-    there is a gap, so that one mode is the rule. Parts in the same place, or of fewer than three
-    rollouts, are united again. A mode's weight, mean and covariance are those of its rollouts.
+    there is a gap, so that one mode is the rule. Rollouts far from the others of their part belong to
+    the part of the rollout that they come nearest to within 0.3 s. Parts in the same place, or of fewer than
+    three rollouts, are united again. A mode's weight, mean and covariance are those of its rollouts.
     """
     _, errors = mean_and_errors(np.ascontiguousarray(states[:, None]), np.arange(1))
     pose = np.concatenate([errors[:, ERR_POSITION] / radius, errors[:, ERR_ROTATION]], axis=1)
     spread = pose.std(axis=0)
+    soon = pose.copy()
+    soon[:, :3] += _SOON / radius * states[:, VELOCITY]
     pose = pose[:, spread > _SMALL]
     labels = np.zeros(len(states), np.int64)
     if pose.shape[1] and len(states) > 1:
-        labels = _without_strangers(pose, _labels(pose / pose.std(axis=0)))
+        labels = _without_strangers(pose, soon, _labels(pose / pose.std(axis=0)))
     parts = [np.flatnonzero(labels == label) for label in np.unique(labels)]
     modes = [_mode_of(states, part) for part in parts]
     while (pair := _same_outcome(parts, modes)) is not None:
@@ -138,23 +144,31 @@ def _labels(x):
     return labels
 
 
-def _without_strangers(pose, labels):
-    """(S,): the labels, where rollouts that are strangers to their mode belong to the nearest one.
+def _without_strangers(pose, soon, labels):
+    """(S,): the labels, where strangers to their mode belong to the mode of the nearest rollout.
 
-    Distances are in median absolute deviations from a mode's median, of poses (S, d) in radii and rad.
+    A stranger is many median absolute deviations of poses (S, d) from its mode's median. Distances are those
+    of poses ``soon`` after (S, 6), as what still falls is on its way to what has fallen. Both are in radii
+    and rad. The nearest stranger gets its mode first, and others may follow it.
     """
     modes = np.unique(labels)
     if len(modes) < 2:
         return labels
-    distances = np.empty((len(pose), len(modes)))
-    for column, label in enumerate(modes):
+    strange = np.empty(len(pose), bool)
+    for label in modes:
         own = pose[labels == label]
-        middle = np.median(own, axis=0)
-        scale = np.maximum(_NORMAL * np.median(np.abs(own - middle), axis=0), _LEAST_SCALE)
-        distances[:, column] = np.abs((pose - middle) / scale).max(axis=1)
-    found, places = labels.copy(), np.searchsorted(modes, labels)
-    strange = distances[np.arange(len(pose)), places] > _STRANGE
-    found[strange] = modes[distances[strange].argmin(axis=1)]
+        apart = np.abs(own - np.median(own, axis=0))
+        scale = np.maximum(_NORMAL * np.median(apart, axis=0), _LEAST_SCALE)
+        strange[labels == label] = (apart / scale).max(axis=1) > _STRANGE
+    found, left = labels.copy(), np.flatnonzero(strange)
+    distances = np.linalg.norm(soon[left, None] - soon, axis=2)
+    distances[:, strange] = np.inf
+    while len(left):
+        row, nearest = np.unravel_index(distances.argmin(), distances.shape)
+        k = left[row]
+        found[k] = found[nearest]
+        left, distances = np.delete(left, row), np.delete(distances, row, axis=0)
+        distances[:, k] = np.linalg.norm(soon[left] - soon[k], axis=1)
     return found
 
 
