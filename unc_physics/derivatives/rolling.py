@@ -18,7 +18,9 @@ _DIAGONAL = math.sqrt(0.5)
 #: in the body frame, and whether the entry is filled. Counter of the next entry, in the first entry.
 KEPT, KEPT_COLUMNS = 4, 14
 _DIRECTION, _MATRIX, _CENTER, _FILLED, _NEXT = 0, 3, 9, 12, 13
-_SAME = 1.0 - 5e-7  # cosine between directions of one result: 1 mrad, far below the least tilt
+#: Cosine between directions of one result: 1 urad. The tangential parts of the centre change by the tilt
+#: times its part along the normal, which is large where the centre is far from the centre of mass.
+_SAME = 1.0 - 5e-13
 
 
 def _tilts():
@@ -52,8 +54,8 @@ def rolling(n, first, second, i, sphere, R, world, room, kept, out):
     room : array
         A copy of `TILTS`.
     kept : (B, 4, 14) array
-        (`KEPT`, `KEPT_COLUMNS`), zeros at first. Results, which serve all contacts with nearly the same
-        direction in the body frame.
+        (`KEPT`, `KEPT_COLUMNS`), zeros at first. Results, which serve all contacts with the same direction
+        in the body frame.
     out : (5,) array
         Entries 11, 12 and 22 of the symmetric matrix of rolling radii. Then the centre of the shape in both
         tangent directions, relative to the centre of mass [m].
