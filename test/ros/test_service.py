@@ -28,7 +28,6 @@ from unc_physics.ros.messages.fields import duration, seconds
 from unc_physics.ros.messages.prediction import write_prediction
 from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.parameters import Settings
 from unc_physics.spatial.rotation import rotation_matrix
 from unc_physics_msgs.msg import EnvironmentElement, ModelInfo, ObjectState, PredictedObject
 from unc_physics_msgs.srv import ListModels
@@ -51,8 +50,8 @@ def test_every_propagator_answers_as_the_core_does(predict, propagator):
     assert answer.header.frame_id == "world"
     assert 0.0 < seconds(answer.computation_time) < 60.0
     own |= {"gravity": (0.0, 0.0, 0.0), "integrator": "explicit", "friction": None, "restitution": None}
-    own["islands"] = islands
-    scene, belief, models, *_ = read_scene(request.scene, ModelLibrary(), Settings().physics | own)
+    own |= {"islands": islands, "gyroscopic": True}
+    scene, belief, models, *_ = read_scene(request.scene, ModelLibrary(), own)
     options = {"seed": 7} if "seed" in kind.options() else {}
     if issubclass(kind, Anytime):  # how far it grew within the node's limit of time is for the clock
         options |= {"runs": answer.rollouts, "error": 0.0}
@@ -76,7 +75,7 @@ def test_the_node_s_own_physics_is_a_robot_s_world(predict):
     assert response.prediction.propagator == "auto"
     summary = response.prediction.physics_summary
     assert summary.startswith("implicit, dt 0.0041667 s, stiffness ")
-    assert "friction 0.5, restitution 0.1, gyroscopic" in summary
+    assert "friction 0.25 +- 0.12, restitution 0.25 +- 0.15, gyroscopic" in summary
 
 
 @pytest.mark.parametrize("propagator", ["linearization", "surrogate", "local_sampling"])

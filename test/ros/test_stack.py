@@ -120,7 +120,8 @@ class Processors:
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread")
 def test_a_request_has_two_threads_alone_and_two_requests_have_one_each(robot, client, monkeypatch):
     requests = [
-        with_physics(good_request(propagator="monte_carlo", samples=500), dt=dt) for dt in (0.004, 0.005)
+        with_physics(good_request(propagator="monte_carlo", samples=500), dt=dt, exact=True)
+        for dt in (0.004, 0.005)
     ]
     for asked in (requests[:1], requests):
         monkeypatch.setattr(rollout, "advance", processors := Processors(2, each=len(asked) == 2))
