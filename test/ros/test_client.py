@@ -379,7 +379,7 @@ def test_what_messages_have_no_room_for(asked, space):
 
 
 def test_arguments_are_checked_before_anything_is_sent(asked, space, table):
-    with pytest.raises(NotSupportedError, match="friction_std is not supported by surrogate"):
+    with pytest.raises(NotSupportedError, match="gravity_direction_std is not supported by surrogate"):
         asked.predict(*table, "surrogate", 0.1)
     with pytest.raises(LimitExceededError, match="seed must be below 2.64"):
         asked.predict(*space, "monte_carlo", 0.1, seed=2**64)
