@@ -1,5 +1,5 @@
 # make demo   a node and a client over real DDS, with a table and a picture
-# make test   all tests
+# make test   all tests but those that take long
 # make test-plain   the core's tests with plain compilation, as for a numba version that was not tested
 # make lint   what needs no run: likely mistakes and layout by ruff, types by pyright
 # make venv   what all need: .venv with the pinned dependencies, the interfaces and this package, editable
@@ -65,7 +65,7 @@ linted: $(MADE)/evaluation
 # node and of the browser wait half of their time.
 test:
 	@$(MAKE_STEPS) $(MADE)/evaluation $(MADE)/all_kernels $(MADE)/paper_kernels
-	@$(VENV_PYTHON) -m pytest test -n 3 --dist loadfile --no-loadscope-reorder
+	@$(VENV_PYTHON) -m pytest test -m "not long" -n 3 --dist loadfile --no-loadscope-reorder
 
 test-plain:
 	@$(MAKE_STEPS) $(MADE)/evaluation
@@ -75,6 +75,7 @@ test-plain:
 check-all:
 	@$(MAKE) -s --no-print-directory lint
 	@$(MAKE) -s --no-print-directory test
+	@$(VENV_PYTHON) -m pytest test -m long
 	@$(VENV_PYTHON) -m pytest test/checks test/physics test/geometry test/propagators --hypothesis-profile=thousands
 	@$(VENV_PYTHON) -m pytest test/cli/test_anything.py test/cli/test_bad_input.py test/ros/test_any_request.py \
 	    --hypothesis-profile=thousands

@@ -49,6 +49,7 @@ def test_coverage_is_right_after_and_not_before(found):
     assert not any("holds only" in doubt for doubt in found.doubts)
 
 
+@pytest.mark.long
 def test_standard_deviations_cover_the_truth():
     """Of ten objects as the prior says: deviations are as large as said, on average."""
     prior = scene(friction=0.3, restitution=0.3, impact_direction_std=0.03)
@@ -76,6 +77,7 @@ def test_a_wrong_model_is_noticed(motions):
     assert "holds only" in as_table(wrong)
 
 
+@pytest.mark.long
 def test_three_noisy_motions_end_no_worse_than_the_prior():
     """Thrown as the priors' medians say: what is learnt of three motions is noise."""
     true = scene(impact_direction_std=0.03, impact_point_std=4e-3, impact_friction_speed=3.0)

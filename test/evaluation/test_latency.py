@@ -24,7 +24,7 @@ def test_figures_are_judged_by_their_goals(tmp_path):
     assert report.count("**≤ 60, missed**") == 1 and report.count("≤ 60, met") == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_node_is_measured():
     pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
     stream = Job("latency", {"by": experiment.STREAM, "scene": TABLE, "objects": 1, "amount": 1.0})

@@ -91,7 +91,12 @@ def test_random_scenes_gain_no_energy():
 @pytest.mark.parametrize("steps_per_second", [120, 240, 1000])
 @pytest.mark.parametrize(
     "name, spheres, tolerance",
-    [("can", 300, 0.005), ("can", 3000, 0.005), ("bottle", 300, 0.03), ("bottle", 3000, 0.1)],
+    [
+        ("can", 300, 0.005),
+        pytest.param("can", 3000, 0.005, marks=pytest.mark.long),
+        ("bottle", 300, 0.03),
+        pytest.param("bottle", 3000, 0.1, marks=pytest.mark.long),
+    ],
 )
 def test_a_body_that_rolls_on_its_side_keeps_its_speed(name, spheres, tolerance, steps_per_second):
     """For 8 s, without slip on a floor."""
