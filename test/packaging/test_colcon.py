@@ -85,7 +85,7 @@ def test_colcon_finds_both_packages(layout, tmp_path):
     assert sorted(listed.stdout.split()) == ["unc_physics", "unc_physics_msgs"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_colcon_builds_and_result_can_be_used(tmp_path):
     sources, base_paths = LAYOUTS["repository"]
     workspace = tmp_path / "workspace"

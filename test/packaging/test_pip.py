@@ -66,7 +66,7 @@ def built_wheel(sources, folder):
     return wheel
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_core_installs_and_predicts_without_ros(tmp_path):
     env = clean_environment(PIP_CONSTRAINT=str(ROOT / "requirements" / "constraints.txt"), PIP_NO_INPUT="1")
     # kernels go by their code, not by their place
