@@ -22,12 +22,12 @@ class Pace:
     """Rate of an input, and the share of rollouts with which its predictions keep their time limit."""
 
     def __init__(self):
-        self.reset()
+        self._arrivals: deque[float] = deque(maxlen=_INTERVALS + 1)
+        self._level = 0
 
     def reset(self) -> None:
         """Forget the input's rate; the share of rollouts stays."""
-        self._arrivals: deque[float] = deque(maxlen=_INTERVALS + 1)
-        self._level = getattr(self, "_level", 0)
+        self._arrivals.clear()
 
     def arrived(self) -> None:
         """Record an input."""
