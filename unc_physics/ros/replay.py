@@ -144,7 +144,7 @@ def replay(
     scenes = [_scene(kind, message, library, settings, model) for _, kind, message in messages]
     times = np.array([time for time, *_ in messages])
     outcomes, left_out = [], {}
-    for k, scene in enumerate(scenes):
+    for k, (scene, unnamed) in enumerate(scenes):
         later = {}  # numbers of later messages by the horizon that they are closest to
         for horizon in settings.horizons:
             near = int(np.argmin(np.abs(times - times[k] - horizon)))
@@ -152,6 +152,8 @@ def replay(
                 later.setdefault(near, horizon)
         if not later:
             continue
+        for _ in unnamed:
+            _count(left_out, "without a model")
         try:
             scene, skipped = settle_detected(scene, environment.message, library, settings)
             for reason in skipped.values():
@@ -169,7 +171,7 @@ def replay(
             _count(left_out, str(error))
             continue
         for place, near in enumerate(sorted(later)):
-            outcomes += _outcomes(answer, place, scenes[near], later[near], settings)
+            outcomes += _outcomes(answer, place, scenes[near][0], later[near], settings)
     return outcomes, left_out
 
 
@@ -177,16 +179,18 @@ def _count(counts, reason):
     counts[reason] = counts.get(reason, 0) + 1
 
 
-def _scene(kind, message, library, settings, model) -> Scene:
-    """Return the scene of one message of a bag, whose parts may be of another reader's types."""
+def _scene(kind, message, library, settings, model) -> tuple[Scene, dict[str, str]]:
+    """Return the scene of one message of a bag, and the reasons of omitted detections.
+
+    Parts of the message may be of another reader's types.
+    """
     if kind == POSE:
-        return Scene(
-            objects=[detected_object("object", model, _pose(message.pose), library, settings.tracked_mass)]
-        )
+        own = detected_object("object", model, _pose(message.pose), library, settings.tracked_mass)
+        return Scene(objects=[own]), {}
     for detection in message.detections:
         for result in detection.results:
             result.pose = _pose(result.pose)
-    return scene_of_detections(message, library, settings.tracked_mass, header=Scene().header)[0]
+    return scene_of_detections(message, library, settings.tracked_mass, header=Scene().header)
 
 
 def _pose(message) -> PoseWithCovariance:
