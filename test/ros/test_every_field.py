@@ -409,7 +409,7 @@ def test_a_field_of_a_request_has_its_effect(predict, plain, path):
         before = predict(request)
     change(request)
     after = predict(request)
-    if path != "max_computation_time":
+    if path not in {"max_computation_time", "time_budget"}:  # on a slow machine nothing is done in time
         assert after.result.error_code == ErrorCode.NONE, after.result.error_msg
     assert not same(values_at(before.prediction, where), values_at(after.prediction, where))
 
