@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from unc_physics.geometry import library
@@ -55,13 +56,13 @@ def tilt(packing, normal):
     return float(np.hypot(*found.x[:2]))
 
 
-def tipping_angle(points, radii, down, ways=36):
+def tipping_angle(points, radii, down, ways=12):
     """Least angle by which a body that stands on a plane has to be turned for it to tip over [rad].
 
     It tips where its centre of mass is highest.
     """
     frame = np.linalg.svd(np.array([down], float))[2][1:]
-    angles = np.radians(np.arange(0.0, 60.0, 0.1))[:, None]
+    angles = np.radians(np.arange(0.0, 60.0, 0.2))[:, None]
     least = math.inf
     for way in 2.0 * np.pi * np.arange(ways) / ways:
         aside = math.cos(way) * frame[0] + math.sin(way) * frame[1]
@@ -79,7 +80,7 @@ def corners_of(name):
 @pytest.mark.parametrize(("name", "degrees"), [("salt_box", 20.66), ("brick", 58.30)])
 def test_meshes_of_boxes_tip_at_half_their_width_over_the_height(name, degrees):
     points, _ = corners_of(name)
-    assert math.degrees(tipping_angle(points, 0.0, (0, 0, -1))) == pytest.approx(degrees, abs=0.11)
+    assert math.degrees(tipping_angle(points, 0.0, (0, 0, -1))) == pytest.approx(degrees, abs=0.21)
 
 
 @pytest.mark.parametrize("name", HOUSEHOLD)
@@ -87,11 +88,11 @@ def test_meshes_of_boxes_tip_at_half_their_width_over_the_height(name, degrees):
 def test_household_models_keep_their_extent(name, count):
     points, solid = corners_of(name)
     packing = load_model(name, MODELS).prefix(count)
-    around = Rotation.random(3000, rng=np.random.default_rng(3)).apply([0.0, 0.0, 1.0])
+    around = Rotation.random(1000, rng=np.random.default_rng(3)).apply([0.0, 0.0, 1.0])
     cross = np.cross(*(solid.corners[:, k] - solid.corners[:, 0] for k in (1, 2)))
     normals = cross / np.linalg.norm(cross, axis=1, keepdims=True)
-    directions = np.concatenate([around, normals[:: max(1, len(normals) // 3000)]])
-    corners = np.unique(points, axis=0)
+    directions = np.concatenate([around, normals[:: max(1, len(normals) // 1000)]])
+    corners = points[ConvexHull(points).vertices]
     loss = (reach(corners, 0.0, directions) - reach(packing.centers, packing.radii, directions)).max()
     assert loss <= packing.extent_loss * (1.0 + 1e-6) + 1e-9
     assert packing.extent_loss <= 0.001
@@ -112,7 +113,7 @@ def test_household_models_tip_as_their_meshes_do(name, count):
     points, _ = corners_of(name)
     packing = load_model(name, MODELS)
     packing = packing.prefix(count or len(packing))
-    mesh = math.degrees(tipping_angle(np.unique(points, axis=0), 0.0, (0, 0, -1)))
+    mesh = math.degrees(tipping_angle(points[ConvexHull(points).vertices], 0.0, (0, 0, -1)))
     found = math.degrees(tipping_angle(packing.centers, packing.radii, (0, 0, -1)))
     assert found == pytest.approx(mesh, abs=1.5)
 
@@ -203,12 +204,12 @@ def test_sufficient_count_is_the_first_that_meets_both_limits():
 
 
 def test_a_ball_is_its_largest_sphere():
-    ball = pack_solid(make_solid("ball", *primitive("sphere", (0.05,))), 100)
+    ball = pack_solid(make_solid("ball", *primitive("sphere", (0.05,))), 30)
     assert ball.radii[0] > 0.99 * 0.05 and ball.sufficient_count() == 1
 
 
 def test_few_spheres_are_spread_around_a_cylinder():
-    cylinder = pack_solid(make_solid("cylinder", *primitive("cylinder", (0.03, 0.1))), 200)
+    cylinder = pack_solid(make_solid("cylinder", *primitive("cylinder", (0.03, 0.1))), 100)
     angle = 2.0 * np.pi * np.arange(90) / 90
     around = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     reached = reach(cylinder.centers, cylinder.radii, np.concatenate([around, [[0, 0, 1], [0, 0, -1]]]))

@@ -1,6 +1,6 @@
 """The implicit step gives no energy: random things that fly, fall and lie in piles.
 
-Five thousand instead of a hundred: ``python -m pytest test/physics/test_implicit_energy.py
+Five thousand instead of sixty: ``python -m pytest test/physics/test_implicit_energy.py
     --hypothesis-profile=thousands``.
 """
 
@@ -14,7 +14,7 @@ from plain_scenes import G, course, energy, sphere_centers, state
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.scene.environment import Box, Plane
 
-SCENES = 5000 if settings.get_current_profile_name() == "thousands" else 100
+SCENES = 5000 if settings.get_current_profile_name() == "thousands" else 60
 MODELS = ("salt_box", "can", "mug", "brick", "bowl", "bottle", "plate", "bunny")
 TIME, FRAME = 1.5, 0.02  # s
 LOWEST = -0.5  # m, a floor below the bin, for what jumps out of it
@@ -110,12 +110,12 @@ def test_a_body_that_rolls_on_its_side_keeps_its_speed(name, spheres, tolerance,
         np.testing.assert_allclose(speeds, speed, rtol=tolerance)
 
 
-@pytest.mark.parametrize(("dt", "limit"), [(1 / 60, 0.2), (1 / 120, 0.03), (1 / 240, 0.01), (1 / 1000, 0.01)])
+@pytest.mark.parametrize(("dt", "limit"), [(1 / 60, 0.2), (1 / 240, 0.01)])
 @pytest.mark.parametrize(
     ("name", "spheres"), [("salt_box", 8), ("salt_box", 60), ("brick", 100), ("can", 60)]
 )
 def test_tumbling_bodies_of_few_spheres_gain_no_energy(name, spheres, dt, limit):
-    """Edges that land at once bear a body that turns: 100 tosses, beside the energy of a fall of 0.1 m."""
+    """Edges that land at once bear a body that turns: 50 tosses, beside the energy of a fall of 0.1 m."""
     body = RigidBody("thing", load_model(name).prefix(spheres))
     scene = Scene.everyday([body], exact=True, dt=dt, environment=[Plane()], friction=0.3, restitution=0.25)
     thrown = BodyBelief(
@@ -128,7 +128,7 @@ def test_tumbling_bodies_of_few_spheres_gain_no_energy(name, spheres, dt, limit)
     )
     belief = Belief.of(scene, {"thing": thrown})
     times = np.arange(FRAME, TIME, FRAME)
-    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=100, seed=1), times=times)
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=50, seed=1), times=times)
     energies = np.array(
         [[energy(scene, x) for x in prediction.samples(time=time)] for time in prediction.times]
     )

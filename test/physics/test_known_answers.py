@@ -175,10 +175,9 @@ def down_a_slope(cube, slope, dt=1 / 240, time=0.5):
     return x[0, 3:6] @ tilt.apply((1, 0, 0)) / time
 
 
-@pytest.mark.parametrize("dt", [1 / 240, 1 / 1000])
-def test_a_cube_slides_down_a_slope_without_friction(dt):
-    cube, slope = packed_box("cube", (0.1, 0.1, 0.1), 3000), packed_box("slope", (1.2, 0.3, 0.1), 8000)
-    assert down_a_slope(cube, slope, dt) == pytest.approx(G * math.sin(math.radians(20)), rel=0.05)
+def test_a_cube_slides_down_a_slope_without_friction():
+    cube, slope = packed_box("cube", (0.1, 0.1, 0.1), 1000), packed_box("slope", (1.2, 0.3, 0.1), 3000)
+    assert down_a_slope(cube, slope) == pytest.approx(G * math.sin(math.radians(20)), rel=0.05)
 
 
 # -- impacts in a row --------------------------------------------------------------------------------
@@ -346,7 +345,7 @@ def dominoes(gap, dt, count=10, level=0.05):
     return 6.0 * pitch / (passed[1] - passed[0])
 
 
-@pytest.mark.parametrize("gap, dt", [(0.016, 1 / 240), (0.024, 1 / 240), (0.024, 1 / 1000)])
+@pytest.mark.parametrize("gap, dt", [(0.016, 1 / 240), (0.024, 1 / 240)])
 def test_dominoes_fall_as_fast_as_in_mujoco(gap, dt):
     assert dominoes(gap, dt) == pytest.approx(WAVE_SPEED[gap], rel=0.05)
 
@@ -375,12 +374,12 @@ def heap(count, spheres, time, side=0.05, mass=0.2):
     return with_stiffness(scene, x), x, prediction
 
 
-def test_a_hundred_cubes_come_to_rest_and_converge():
+def test_many_cubes_come_to_rest_and_converge():
     """Most lie in the bin at rest, none sinks in, and the solver finds their forces.
 
     One pair of edges may be caught 0.3 mm deep; all others overlap by less than 0.1 mm.
     """
-    scene, start, prediction = heap(100, 2000, 1.5)
+    scene, start, prediction = heap(48, 1000, 1.5)
     end = prediction.belief.mean.copy()
     assert energy(scene, end) < energy(scene, start)
     assert np.median(np.linalg.norm(end[:, 3:6], axis=1)) < 1e-2
@@ -396,10 +395,10 @@ def test_a_hundred_cubes_come_to_rest_and_converge():
 
 @pytest.mark.parametrize("rate", [60, 120, 240])
 def test_what_falls_ends_on_the_floor(rate):
-    """400 salt boxes, each alone, at random orientations; no sphere ends deeper than 0.1 mm."""
+    """150 salt boxes, each alone, at random orientations; no sphere ends deeper than 0.1 mm."""
     model, rng = load_model("salt_box").prefix(500), np.random.default_rng(0)
     scene = Scene.everyday([RigidBody("box", model, 0.5)], exact=True, environment=[Plane()], dt=1.0 / rate)
-    turns = Rotation.random(400, rng)
+    turns = Rotation.random(150, rng)
     x = np.array([state(orientation=q) for q in turns.as_quat()])[:, None]
     bottoms = [(sphere_centers(scene.bodies[0], s[0])[:, 2] - model.radii).min() for s in x]
     x[:, 0, 2] = 0.05 - np.array(bottoms)
