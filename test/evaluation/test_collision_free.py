@@ -8,7 +8,7 @@ from unc_physics.spatial.layout import POSITION, QUATERNION
 from unc_physics_evaluation.scenarios import collision_free
 from unc_physics_evaluation.wasserstein import euclidean, geodesic, wasserstein
 
-TRUTH = 1000
+TRUTH = 500
 SEEDS = range(4)
 METHODS = [name for name in PROPAGATORS if name != "monte_carlo"]
 STATISTICS = 1.25  # a mean of four floors against another: they scatter by some 5 % each
@@ -64,7 +64,7 @@ def test_methods_beat_a_hundred_samples(table, method):
 
 
 def test_floor_has_the_size_of_the_spread(table):
-    """An isotropic Gaussian in three dimensions, 1000 samples: the floor is a quarter to a half of its
+    """An isotropic Gaussian in three dimensions, 500 samples: the floor is three tenths to six tenths of its
     deviation.
     """
     uncertain, w1 = table
@@ -72,4 +72,4 @@ def test_floor_has_the_size_of_the_spread(table):
         0.01 * (1.0 - 0.99**400) / (1.0 - 0.99)
     )  # s: what 4 s of damped motion make of a unit velocity
     deviation = 0.1 * travelled * (1.0 if uncertain == "linear_velocity" else np.degrees(1.0))
-    assert 0.25 * deviation < w1["floor"] < 0.5 * deviation
+    assert 0.3 * deviation < w1["floor"] < 0.6 * deviation

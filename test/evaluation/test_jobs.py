@@ -1,6 +1,6 @@
 """Jobs are told apart and seeded by what they compute."""
 
-from dataclasses import replace
+from functools import cache
 
 import pytest
 
@@ -10,14 +10,15 @@ from unc_physics_evaluation.jobs import Job, Row, Settings
 from unc_physics_evaluation.results import ORIGIN
 
 
-@pytest.fixture(scope="module", params=[True, False], ids=["quick", "full"])
-def settings(request):
-    return Settings(quick=request.param)
+@cache
+def jobs_of(name, quick, seed=0):
+    return experiment(name).jobs(Settings(quick=quick, seed=seed))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_keys_and_seeds_are_distinct(name, settings):
-    jobs = experiment(name).jobs(settings)
+@pytest.mark.parametrize("quick", [True, False], ids=["quick", "full"])
+def test_keys_and_seeds_are_distinct(name, quick):
+    jobs, settings = jobs_of(name, quick), Settings(quick=quick)
     assert jobs or experiment(name).missing(settings)  # the reason why there are none
     assert all(job.experiment == name and job.cost > 0.0 for job in jobs)
     assert len({job.key for job in jobs}) == len(jobs)
@@ -29,8 +30,8 @@ def test_keys_and_seeds_are_distinct(name, settings):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_another_seed_is_another_sweep(name, settings):
-    here, there = (experiment(name).jobs(replace(settings, seed=seed)) for seed in (0, 1))
+def test_another_seed_is_another_sweep(name):
+    here, there = (jobs_of(name, True, seed) for seed in (0, 1))
     assert not {job.key for job in here} & {job.key for job in there}
     assert not {job.seed("truth") for job in here} & {job.seed("truth") for job in there}
 

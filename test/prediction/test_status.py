@@ -362,11 +362,11 @@ def test_a_stack_that_the_solver_finds_forces_for_is_fine(name):
     )
 
 
-@pytest.mark.parametrize("top", [10.0, 100.0, 1000.0, 3000.0])
+@pytest.mark.parametrize("top", [100.0, 1000.0])
 def test_a_stack_is_flagged_where_the_solver_lets_it_fall(top):
     """Friction holds each of these stacks. Under 100 kg it stands, under 1000 kg 200 sweeps are too few."""
     scene, belief = stack(1.0, 1.0, 1.0, 1.0, 1.0, top)
-    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=20), 0.5)
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=8), 0.5)
     stands = np.abs(prediction.belief.mean - belief.mean)[:, :3].max() < 1e-3
     flagged = [bool(status.flags & Status.NOT_CONVERGED) for status in assess(prediction)]
     assert stands == (top <= 100.0)

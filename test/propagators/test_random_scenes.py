@@ -1,6 +1,6 @@
 """Random scenes, hard ones among them, end well with every propagator: in numbers, covariances or a flag.
 
-Thousands instead of hundreds: ``--hypothesis-profile=thousands``.
+Thousands instead of thirty: ``--hypothesis-profile=thousands``.
 """
 
 import math
@@ -8,6 +8,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from example_scenes import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -59,7 +60,7 @@ def test_random_scenes_end_well_and_grossly_wrong_covariances_are_flagged(name):
     judged = Counter()
 
     @given(case=scenes())
-    @settings(suppress_health_check=[HealthCheck.too_slow])
+    @settings(max_examples=examples(30), suppress_health_check=[HealthCheck.too_slow])
     def every_scene(case):
         scene, belief, horizon = case
         prediction = _predicted(name, scene, belief, horizon)
