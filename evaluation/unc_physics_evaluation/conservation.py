@@ -18,8 +18,9 @@ from unc_physics.spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
+from unc_physics.spatial.rotation import rotation_matrices
 
-from .energy import contact_energy, height_energy, kinetic_energy, matrices, momentum
+from .energy import contact_energy, height_energy, kinetic_energy, momentum
 from .jobs import Row
 from .passing import passed_through
 
@@ -170,7 +171,7 @@ def _spread_energy(scene, belief):
     """Kinetic energy that the spread of the velocities adds to that of the mean [J]."""
     energy = 0.0
     for k, P in zip(scene.moving, belief.blocks, strict=True):
-        body, R = scene.bodies[k], matrices(belief.mean[k, QUATERNION])
+        body, R = scene.bodies[k], rotation_matrices(belief.mean[k, QUATERNION])
         turning = np.sum(R @ body.model.inertia @ R.T * P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY])
         energy += 0.5 * body.mass * (P[ERR_VELOCITY, ERR_VELOCITY].trace() + turning)
     return energy

@@ -6,19 +6,9 @@ import numpy as np
 
 from unc_physics.scene.scene import Scene
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.spatial.rotation import rotation_matrices
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-
-
-def matrices(quaternions: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
-    x, y, z, w = np.moveaxis(np.asarray(quaternions), -1, 0)
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def kinetic_energy(scene: Scene, states: np.ndarray) -> np.ndarray:
@@ -26,7 +16,7 @@ def kinetic_energy(scene: Scene, states: np.ndarray) -> np.ndarray:
     moving = scene.moving
     mass, inertia = _masses(scene)
     x = states[..., moving, :]
-    spin = np.einsum("...kij,...ki->...kj", matrices(x[..., QUATERNION]), x[..., ANGULAR_VELOCITY])
+    spin = np.einsum("...kij,...ki->...kj", rotation_matrices(x[..., QUATERNION]), x[..., ANGULAR_VELOCITY])
     linear = np.sum(x[..., VELOCITY] ** 2, -1)
     return 0.5 * np.sum(mass * (linear + np.einsum("...ki,kij,...kj->...k", spin, inertia, spin)), -1)
 
@@ -39,7 +29,10 @@ def height_energy(scene: Scene, states: np.ndarray) -> np.ndarray:
 def contact_energy(scene: Scene, state: np.ndarray) -> float:
     """What contacts store at a state (B, 13) [J]: the penalty force, integrated over the depth of each."""
     spheres = [
-        (state[k, POSITION] + body.model.centers @ matrices(state[k, QUATERNION]).T, body.model.radii)
+        (
+            state[k, POSITION] + body.model.centers @ rotation_matrices(state[k, QUATERNION]).T,
+            body.model.radii,
+        )
         for k, body in enumerate(scene.bodies)
     ]
     total = 0.0

@@ -12,6 +12,7 @@ from unc_physics import Belief, Plane, PosePath, RigidBody, Scene, load_model
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.action_arrays import with_kinematic
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from unc_physics.spatial.rotation import rotation_matrix
 
 from .scenarios import resting, spread
 
@@ -53,9 +54,7 @@ def _everyday(model, floor=None, at_rest=False, **physics):
 
 def lowest(model: SpherePacking, q=(0.0, 0.0, 0.0, 1.0)) -> float:
     """How far a model's lowest point is below its centre of mass [m]."""
-    x, y, z, w = q
-    down = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
-    return float(np.max(model.radii - model.centers @ down))
+    return float(np.max(model.radii - model.centers @ rotation_matrix(q)[2]))
 
 
 def _state(height, velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)):

@@ -6,8 +6,9 @@ import numpy as np
 
 from unc_physics.scene.scene import Scene
 from unc_physics.spatial.layout import POSITION, QUATERNION
+from unc_physics.spatial.rotation import rotation_matrices
 
-from .energy import matrices, surface_distance
+from .energy import surface_distance
 
 _THIRDS = 60  # that a way is shortened by to find its nearest point: to 1e-11 of it
 CORE = 0.9  # of the radius of a body's largest sphere: spheres larger than that are its core
@@ -45,7 +46,7 @@ def _core(body, states):
     """Centres (T, n, 3) of a body's largest spheres in the world, and their radius."""
     model = body.model
     large = model.radii >= CORE * model.radii.max()
-    turned = np.einsum("tij,nj->tni", matrices(states[:, QUATERNION]), model.centers[large])
+    turned = np.einsum("tij,nj->tni", rotation_matrices(states[:, QUATERNION]), model.centers[large])
     return states[:, None, POSITION] + turned, float(model.radii.max())
 
 

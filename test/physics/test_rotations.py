@@ -75,6 +75,8 @@ def test_matrix_is_a_rotation_and_equals_scipy(q, v):
     R = matrix(q)
     np.testing.assert_allclose(R, Rotation.from_quat(q).as_matrix(), atol=ROUND_OFF)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=ROUND_OFF)
+    np.testing.assert_allclose(rotation.rotation_matrices(q), R, atol=ROUND_OFF)
+    np.testing.assert_allclose(rotation.cross_matrices(v) @ R[0], np.cross(v, R[0]), atol=100 * ROUND_OFF)
     np.testing.assert_allclose(rotation.rotate(R, *v), R @ v, atol=100 * ROUND_OFF)
     np.testing.assert_allclose(rotation.rotate_back(R, *rotation.rotate(R, *v)), v, atol=100 * ROUND_OFF)
 

@@ -17,7 +17,6 @@ from .parts import Description, Inertial, Link, Shape
 from .reading import read_xml, referred
 
 _KNOWN = ("box", "cylinder", "sphere", "mesh")
-_DRIVEN = ("revolute", "continuous", "prismatic")
 
 
 def load_robot(path: Path):

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from ..prediction.events import Event
     from ..prediction.rank import Ranking
 
-_KEPT, _WORSE, _SCORE = "#0072B2", "#999999", "score"
+_KEPT, _WORSE = "#0072B2", "#999999"
 _OTHERS = ("#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
 
 

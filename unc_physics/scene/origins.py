@@ -24,6 +24,7 @@ from ..spatial.layout import (
     VELOCITY,
 )
 from ..spatial.moments import mean_and_errors, second_moment, spread_states
+from ..spatial.rotation import cross_matrices, rotation_matrices
 from .belief import Belief
 from .parameters import moved_along
 
@@ -89,7 +90,7 @@ def states_at_origins(belief: Belief, states: np.ndarray, origins: np.ndarray) -
     if not len(moving):
         return Belief.trusted(mean, belief.covariance, moving)
     at_com, errors = mean_and_errors(np.ascontiguousarray(states), moving.copy())
-    R = _rotations(states[:, moving])
+    R = rotation_matrices(states[:, moving, QUATERNION])
     arms = np.einsum("nmij,mj->nmi", R, origins[moving])
     whirled = np.cross(states[:, moving, ANGULAR_VELOCITY], arms)
     mean[moving, POSITION] = belief.mean[moving, POSITION] + arms.mean(axis=0)
@@ -163,7 +164,7 @@ def _gaussian_body(state, P, origin):
     inverse = (basis / spread[kept]) @ basis.T
     slope = P[np.ix_(_OTHERS, np.arange(ERROR)[ERR_ROTATION])] @ inverse
     rest = P[np.ix_(_OTHERS, _OTHERS)] - slope @ P[ERR_ROTATION][:, _OTHERS]
-    R = _rotations(state[None])[0]
+    R = rotation_matrices(state[QUATERNION])
     arms = _turned(turns, origin) @ R.T
     given = turns @ slope.T
     F = np.empty((len(turns), ERROR))
@@ -177,16 +178,18 @@ def _gaussian_body(state, P, origin):
     # the remainder is mapped by [1, 0, 0; 0, 1, -[arm]x; 0, 0, 1], whose second moment is known
     J = np.zeros((ERROR, 9))
     J[ERR_POSITION, _OTHER_P] = J[ERR_VELOCITY, _OTHER_V] = J[ERR_ANGULAR_VELOCITY, _OTHER_W] = np.eye(3)
-    J[ERR_VELOCITY, _OTHER_W] = -_skew(arm)
+    J[ERR_VELOCITY, _OTHER_W] = -cross_matrices(arm)
     C = (weights[:, None] * apart).T @ apart + J @ rest @ J.T
-    swings = _skew(arms - arm)
+    swings = cross_matrices(arms - arm)
     swung = swings @ rest[_OTHER_W, _OTHER_W] @ swings.transpose(0, 2, 1)
     C[ERR_VELOCITY, ERR_VELOCITY] += np.einsum("n,nij->ij", weights, swung)
     A = np.eye(ERROR)
-    A[ERR_VELOCITY, ERR_ANGULAR_VELOCITY] = -_skew(arm)
+    A[ERR_VELOCITY, ERR_ANGULAR_VELOCITY] = -cross_matrices(arm)
     moment = (weights[:, None] * apart).T @ turns @ inverse  # slopes of the point's errors over the rotation
     A[ERR_POSITION, ERR_ROTATION] = moment[ERR_POSITION] - slope[_OTHER_P]
-    A[ERR_VELOCITY, ERR_ROTATION] = moment[ERR_VELOCITY] - slope[_OTHER_V] + _skew(arm) @ slope[_OTHER_W]
+    A[ERR_VELOCITY, ERR_ROTATION] = (
+        moment[ERR_VELOCITY] - slope[_OTHER_V] + cross_matrices(arm) @ slope[_OTHER_W]
+    )
     return middle, 0.5 * (C + C.T), A
 
 
@@ -213,30 +216,12 @@ def _turned(turns, point):
     return point + sine * once + cosine * np.cross(turns, once)
 
 
-def _rotations(states):
-    """Return the rotation matrices (..., 3, 3) of states (..., 13)."""
-    x, y, z, w = np.moveaxis(states[..., QUATERNION], -1, 0)
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-
-
-def _skew(v):
-    """Return the matrices (..., 3, 3) of the cross products with vectors (..., 3)."""
-    K = np.zeros((*v.shape, 3))
-    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    return K - np.swapaxes(K, -1, -2)
-
-
 def _mean_map(R, state, origin):
     """Return the derivative (12, 12) of a point's error, for the mean ``R`` (3, 3) of rotation matrices."""
     A = np.eye(ERROR)
-    A[ERR_POSITION, ERR_ROTATION] = -R @ _skew(origin)
-    A[ERR_VELOCITY, ERR_ROTATION] = -_skew(state[ANGULAR_VELOCITY]) @ R @ _skew(origin)
-    A[ERR_VELOCITY, ERR_ANGULAR_VELOCITY] = -_skew(R @ origin)
+    A[ERR_POSITION, ERR_ROTATION] = -R @ cross_matrices(origin)
+    A[ERR_VELOCITY, ERR_ROTATION] = -cross_matrices(state[ANGULAR_VELOCITY]) @ R @ cross_matrices(origin)
+    A[ERR_VELOCITY, ERR_ANGULAR_VELOCITY] = -cross_matrices(R @ origin)
     return A
 
 

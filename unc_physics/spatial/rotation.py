@@ -132,3 +132,21 @@ def tangents(n):
     a = -1.0 / (s + n[2])
     b = n[0] * n[1] * a
     return (1.0 + s * n[0] * n[0] * a, s * b, -s * n[0]), (b, s + n[1] * n[1] * a, -n[1])
+
+
+def rotation_matrices(q):
+    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4); not for kernels."""
+    x, y, z, w = np.moveaxis(np.asarray(q), -1, 0)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def cross_matrices(v):
+    """Return the matrices (..., 3, 3) of the cross products with vectors (..., 3); not for kernels."""
+    K = np.zeros((*v.shape, 3))
+    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return K - np.swapaxes(K, -1, -2)
