@@ -12,9 +12,10 @@ The public interface is the names in ``__init__.pyi``; submodules are private.
 
 from __future__ import annotations
 
-from .interrupts import let_programs_die
+from .programs import let_programs_die, let_programs_use_one_blas_thread
 
 let_programs_die()
+let_programs_use_one_blas_thread()
 
 __version__ = "0.2.0"
 

@@ -7,7 +7,7 @@ import os
 import sys
 import warnings
 
-from .interrupts import dying_at_interrupt
+from .programs import dying_at_interrupt
 
 INTERRUPTED, PIPE_CLOSED = 130, 141  # exit status after SIGINT or SIGPIPE, as in a shell
 

@@ -15,7 +15,7 @@ from unc_physics import ErrorCode
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import OutputError
 from unc_physics.cli.output import writing
-from unc_physics.interrupts import dying_at_interrupt
+from unc_physics.programs import dying_at_interrupt
 
 COMMAND = [sys.executable, "-m", "unc_physics"]
 
@@ -127,7 +127,7 @@ def test_an_interrupt_before_the_program_s_own_module_says_nothing(tmp_path, pro
 import os, signal, sys
 class Interrupting:
     def find_spec(self, name, *_):
-        if name == "ast" or name.startswith("unc_physics.") and name != "unc_physics.interrupts":
+        if name == "ast" or name.startswith("unc_physics.") and name != "unc_physics.programs":
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, Interrupting())
 """)
@@ -146,6 +146,30 @@ sys.meta_path.insert(0, Interrupting())
 def test_a_process_that_imports_the_package_keeps_its_interrupts():
     code = "import signal, unc_physics; assert signal.getsignal(2) is signal.default_int_handler"
     subprocess.run([sys.executable, "-c", code], check=True, preexec_fn=heed_interrupts)
+
+
+@pytest.mark.parametrize(
+    ("program", "given", "threads"),
+    [
+        ("unc_physics_node", None, "1"),
+        ("unc_physics", None, "1"),
+        ("unc_physics", "3", "3"),
+        ("own.py", None, None),
+    ],
+)
+def test_programs_of_the_package_alone_set_the_threads_of_blas(program, given, threads):
+    """A matrix product of two threads is slow where other processes run; a user's program decides itself."""
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    if given is not None:
+        environment["OPENBLAS_NUM_THREADS"] = given
+    code = (
+        f"import os, sys; sys.argv[0] = {program!r}; import unc_physics;"
+        "print(os.environ.get('OPENBLAS_NUM_THREADS'))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert run.stdout.strip() == str(threads)
 
 
 def test_imports_that_swallow_an_interrupt_do_not_get_it():

@@ -29,7 +29,7 @@ def test_each_folder_is_under_the_rules_of_imports():
     def sources(name):
         return {module.split(".")[1] for module in contracts[name]["source_modules"]}
 
-    kernels = layers[layers.index("checks") + 1 : layers.index("interrupts")]
+    kernels = layers[layers.index("checks") + 1 : layers.index("programs")]
     assert sources("kernels know numpy and numba only") == set(kernels)
     assert sources("internals of numba are behind the compiler's decorators") == set(layers)
 

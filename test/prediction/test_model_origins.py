@@ -149,3 +149,25 @@ def test_a_box_that_lands_keeps_its_origin_out_of_the_table(name):
         spread = there.std(axis=0)
         assert np.all(np.abs(found.position - there.mean(axis=0)) < 0.2 * spread)
         np.testing.assert_allclose(found.position_std, spread, rtol=0.2)
+
+
+@pytest.mark.parametrize("name", ["monte_carlo", "cloud", "sigma_points"])
+def test_marginals_and_joint_moments_agree(name):
+    """The joint covariance is repaired as a whole, so that its blocks differ by what was not positive."""
+    scene = Scene.everyday(
+        [RigidBody("box", BOX), RigidBody("mug", MUG)], environment=[Plane(name="table")], friction_std=0.1
+    )
+    starts = {
+        body: BodyBelief(position=(x, 0, 0.1), position_std=0.01, orientation_std=0.1)
+        for body, x in (("box", 0.0), ("mug", 0.3))
+    }
+    belief = Belief.of(scene, starts)
+    prediction = predict(scene, belief, name, 0.3)
+    own, joint = (
+        prediction.at().at_model_origins(prediction.scene, prediction.propagator, joint)
+        for joint in (False, True)
+    )
+    assert own.independent and not joint.independent
+    np.testing.assert_array_equal(own.mean, joint.mean)
+    stds = [np.sqrt(np.einsum("mii->mi", belief.blocks)) for belief in (own, joint)]
+    np.testing.assert_allclose(stds[1], stds[0], rtol=0.1)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..checks.shown import plain_digits, printable
-from ..interrupts import dying_at_interrupt
+from ..programs import dying_at_interrupt
 from .output import check_output, note, writing
 from .progress import PROGRESS_AFTER
 

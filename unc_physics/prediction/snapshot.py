@@ -133,26 +133,30 @@ class Snapshot:
         """(R, B, 13): states of rollouts, of which `samples` are made; None where there are no samples."""
         return None if self.draw_rollouts is None else self.draw_rollouts()
 
-    def at_model_origins(self, scene: Scene, propagator: Propagator) -> Belief:
+    def at_model_origins(self, scene: Scene, propagator: Propagator, joint: bool = False) -> Belief:
         """Return the moments at the models' own origins, in place of the centres of mass.
 
         They are those of the rollouts or points where the propagator has some, and otherwise those of a
-        Gaussian.
+        Gaussian. With ``joint`` they include the covariances between bodies.
         """
-        if "at_origins" not in self.__dict__:
+        known = self.__dict__.setdefault("at_origins", {})
+        if joint not in known:
+            belief = self.belief
+            if not joint:
+                belief = Belief.trusted(belief.mean, belief.blocks, belief.moving)
             origins = np.array([body.model.origin for body in scene.bodies])
             if self.received is not None and self.received.at_origins is not None:
                 found = self.received.at_origins
             elif self.rollout_states is not None:
-                found = states_at_origins(self.belief, self.rollout_states, origins)
+                found = states_at_origins(belief, self.rollout_states, origins)
             elif isinstance(propagator, PointPairs) and self.carry is not None:
                 points = propagator.point_states(self.carry, scene)
                 one, other = propagator.opposite_points(self.carry, scene)
-                found = points_at_origins(self.belief, points, 0.5 * (one - other), origins)
+                found = points_at_origins(belief, points, 0.5 * (one - other), origins)
             else:
-                found = gaussian_at_origins(self.belief, origins)
-            self.__dict__["at_origins"] = found
-        return self.__dict__["at_origins"]
+                found = gaussian_at_origins(belief, origins)
+            known[joint] = found
+        return known[joint]
 
     def modes(self, scene: Scene, body: int) -> tuple[Mode, ...]:
         """Outcomes that the state of a body, by its index, splits into, the most probable first.

@@ -103,10 +103,11 @@ def states_at_origins(belief: Belief, states: np.ndarray, origins: np.ndarray) -
         [_mean_map(R[:, k].mean(axis=0), at_com[b], origins[b]) for k, b in enumerate(moving.tolist())]
     )
     if belief.independent:
-        blocks = np.empty_like(belief.blocks)
-        for k, A in enumerate(maps):
-            own, other = second_moment(there[:, k].copy()), second_moment(errors[:, k].copy())
-            blocks[k] = _added(own, A @ (belief.blocks[k] - other) @ A.T)
+        own, other = (
+            np.array([second_moment(part[:, k].copy()) for k in range(len(moving))])
+            for part in (there, errors)
+        )
+        blocks = _added(own, maps @ (belief.blocks - other) @ maps.transpose(0, 2, 1))
         return Belief.trusted(mean, blocks, moving)
     own = second_moment(there.reshape(len(states), -1))
     other = second_moment(errors.reshape(len(states), -1))
@@ -146,7 +147,9 @@ def points_at_origins(belief: Belief, points: np.ndarray, odd: np.ndarray, origi
     found, without = (states_at_origins(belief, states, origins) for states in (points, linear))
     mean = gaussian.mean + found.mean - without.mean
     mean[:, QUATERNION] = gaussian.mean[:, QUATERNION]
-    return Belief.trusted(mean, _added(gaussian.joint, found.joint - without.joint), belief.moving)
+    return Belief.trusted(
+        mean, _added(gaussian.covariance, found.covariance - without.covariance), belief.moving
+    )
 
 
 def _linear_mean(mean, origins):
@@ -241,11 +244,10 @@ def _with_blocks(C, blocks):
 
 
 def _added(moment, difference):
-    """Return a covariance plus a symmetric matrix, or the nearest matrix that is a covariance."""
+    """Return covariances (..., n, n) plus symmetric matrices, or the nearest covariances to the sums."""
     if not difference.any():
         return moment
-    total = moment + 0.5 * (difference + difference.T)
+    total = moment + 0.5 * (difference + np.swapaxes(difference, -1, -2))
     values, vectors = np.linalg.eigh(total)
-    if values[0] >= 0.0:
-        return total
-    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+    nearest = (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return np.where((values[..., 0] >= 0.0)[..., None, None], total, nearest)

@@ -94,7 +94,10 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
         If a number is not finite.
     """
     used, outputs, times = prediction.scene, job.outputs, prediction.times
-    at_origins = [one.at_model_origins(used, prediction.propagator) for one in prediction.snapshots]
+    at_origins = [
+        one.at_model_origins(used, prediction.propagator, outputs.joint_covariance)
+        for one in prediction.snapshots
+    ]
     objects, joints = write_prediction(
         job.scene, job.models, times, at_origins, _drawn(job, prediction), outputs
     )

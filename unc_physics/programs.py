@@ -1,4 +1,4 @@
-"""Ctrl-C during imports.
+"""Settings of this package's programs, made before anything else is imported: Ctrl-C, and threads of BLAS.
 
 Before the package's first line, during the interpreter's start, Ctrl-C prints a traceback of the ``site``
 module. That also runs the ``.pth`` files of installed packages. No package can change this.
@@ -14,6 +14,8 @@ import threading
 
 _PACKAGE = __name__.rpartition(".")[0]
 _PROGRAMS = _PACKAGE, f"{_PACKAGE}.ros.node", f"{_PACKAGE}.ros.lifecycle_node"
+_EXECUTABLES = "unc_physics_node", "unc_physics_lifecycle_node", "unc_physics_replay"
+_BLAS_THREADS = "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 _dying = False  # whether Ctrl-C ends this process by `let_programs_die`
 
 
@@ -24,12 +26,28 @@ def let_programs_die() -> None:
     reverts it. The nodes install their own handlers.
     """
     global _dying
+    if _program() in _PROGRAMS and _is_untouched():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        _dying = True
+
+
+def let_programs_use_one_blas_thread() -> None:
+    """Let BLAS use one thread if this process is a program of this package.
+
+    Matrices of predictions are small. Threads of OpenBLAS wait for each other in a loop. Where other
+    processes run, the eigenvalues of a 120 x 120 matrix take 200 times as long. Rollouts use numba's threads.
+    """
+    if _program() in (*_PROGRAMS, *_EXECUTABLES):
+        for name in _BLAS_THREADS:
+            os.environ.setdefault(name, "1")
+
+
+def _program():
+    """Return the name of the running program, or the module that Python runs."""
     program = sys.argv[0] if getattr(sys, "argv", None) else ""
     if program == "-m":  # Python's value until it has found the module
         program = sys.orig_argv[-len(sys.argv)].removeprefix("-m")
-    if os.path.basename(program) in _PROGRAMS and _is_untouched():
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        _dying = True
+    return os.path.basename(program)
 
 
 @contextlib.contextmanager
