@@ -1,6 +1,9 @@
 """The action `~/predict_long`."""
 
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -102,6 +105,43 @@ def test_a_goal_ends_at_the_node_s_limit_and_when_its_client_is_gone():
         answer = staying.of_action(handle.get_result_async)
         action.destroy()
         assert answer.status == GoalStatus.STATUS_CANCELED  # not ended with the other one
+
+
+_LEFT_ALONE = """
+import sys
+sys.path.insert(0, {folder!r})
+from running import Client
+from rclpy.action import ActionClient
+from test_long_prediction import endless
+from unc_physics_msgs.action import PredictLong
+with Client() as client:
+    action = ActionClient(client.node, PredictLong, "/unc_physics/predict_long")
+    action.wait_for_server(60.0)
+    assert client.of_action(lambda: action.send_goal_async(endless())).accepted
+    print("accepted", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_goal_ends_soon_after_its_client_was_killed(send, client, node):
+    """The middleware would take 20 s to notice, and another client listens meanwhile."""
+    handle = send(endless())
+    code = _LEFT_ALONE.format(folder=str(Path(__file__).parent))
+    other = subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert other.stdout is not None
+    assert other.stdout.readline() == "accepted\n"
+    time.sleep(1.0)
+    before = node.output.count("the client is gone")
+    other.kill()  # and is not waited for yet, as by a parent that is busy
+    killed = time.monotonic()
+    wait_until(lambda: node.output.count("the client is gone") > before)
+    assert time.monotonic() - killed < 5.0
+    other.communicate()
+    client.of_action(handle.cancel_goal_async)
+    answer = client.of_action(handle.get_result_async)
+    assert answer.status == GoalStatus.STATUS_CANCELED  # not ended with the other one
 
 
 def test_bad_goals_and_too_many_are_aborted_with_a_reason(send, client):

@@ -7,7 +7,6 @@ import contextlib
 import ctypes
 import os
 import platform
-import sys
 import threading
 import time
 import traceback
@@ -33,6 +32,7 @@ from .. import __version__
 from ..checks.errors import CanceledError, ErrorCode, LimitExceededError, NotActiveError
 from ..propagators.registry import PROPAGATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
+from .goal_clients import ClientProcess, participant_of
 from .messages.fields import duration, write_error
 from .messages.physics import physics_message
 
@@ -63,7 +63,6 @@ _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEA
 _FEEDBACK_PERIOD = 0.1  # s
 _CLIENTS_PERIOD = 1.0  # s, between checks whether a goal's client is still there
 _RESULT_TIMEOUT = 10  # s, for which a result can be fetched; rclpy would keep it for 15 minutes
-_GUID, _GUID_PREFIX = 16, 12  # bytes of the id of an endpoint, and of its participant
 
 
 _INTROSPECTION = {
@@ -314,6 +313,7 @@ class LongPrediction:
 
     def _execute(self, goal):
         result = PredictLong.Result()
+        participant = self._action.participants.pop(bytes(goal.goal_id.uuid), b"")
         with self._server.errors_into(result.result):
             if not self._running.acquire(blocking=False):
                 raise LimitExceededError(
@@ -321,14 +321,13 @@ class LongPrediction:
                     field="the number of long predictions",
                 )
             try:
-                afterwards = self._server.answer(
-                    result,
-                    goal.request.request,
-                    progress=_Reporter(
-                        goal, self._action.participants.pop(bytes(goal.goal_id.uuid), b""), self._clients
-                    ),
-                    time_limit=self._server.settings.max_long_computation_time,
-                )
+                with contextlib.closing(ClientProcess(participant, self._own_id())) as process:
+                    afterwards = self._server.answer(
+                        result,
+                        goal.request.request,
+                        progress=_Reporter(goal, participant, self._clients, process),
+                        time_limit=self._server.settings.max_long_computation_time,
+                    )
                 if afterwards is not None:
                     afterwards()
             finally:
@@ -351,6 +350,12 @@ class LongPrediction:
         topic = f"{node.get_fully_qualified_name()}/predict_long/_action/feedback"
         return {bytes(info.endpoint_gid) for info in node.get_subscriptions_info_by_topic(topic)}
 
+    def _own_id(self):
+        """Return the id of an endpoint of this process; empty if discovery does not show it."""
+        node = self._server.node
+        topic = f"{node.get_fully_qualified_name()}/predict_long/_action/status"
+        return next((bytes(info.endpoint_gid) for info in node.get_publishers_info_by_topic(topic)), b"")
+
 
 class _Reporter:
     """Callback that publishes feedback, and ends the prediction if the client cancels it or disappears.
@@ -363,10 +368,11 @@ class _Reporter:
         ends when all subscribers from its beginning are gone.
     clients : callable
         Returns the ids of subscribers to the feedback.
+    process : ClientProcess
     """
 
-    def __init__(self, goal, participant, clients):
-        self._goal = goal
+    def __init__(self, goal, participant, clients, process):
+        self._goal, self._process = goal, process
         self._clients = lambda: {one for one in clients() if one.startswith(participant)}
         self._started = time.perf_counter()
         self._next = self._started
@@ -380,7 +386,7 @@ class _Reporter:
             self._next_check = now + _CLIENTS_PERIOD
             now_there = self._clients()
             self._first = self._first or now_there  # discovery takes a while
-            if self._first and not self._first & now_there:
+            if self._process.has_ended or (self._first and not self._first & now_there):
                 raise CanceledError("is gone", field="the client")
         if now >= self._next:
             self._next = now + _FEEDBACK_PERIOD
@@ -391,22 +397,6 @@ class _Reporter:
                     elapsed=duration(now - self._started),
                 )
             )
-
-
-def _participant(header) -> bytes:
-    """Return the beginning of the ids of a client's endpoints, from its request's header; empty if unknown.
-
-    rclpy does not show the writer's id of the header. It is read from the C structure behind the object, a
-    pointer after the object's head; the sequence number after the id tells whether this holds.
-    """
-    try:
-        place = ctypes.c_void_p.from_address(id(header) + object.__basicsize__).value
-        raw = ctypes.string_at(place, _GUID + 8) if place else b""
-    except (TypeError, ValueError):
-        return b""
-    if int.from_bytes(raw[_GUID:], sys.byteorder) != header.sequence_number:
-        return b""
-    return raw[:_GUID_PREFIX]
 
 
 def return_memory() -> None:
@@ -425,7 +415,7 @@ class _ThreadedActionServer(ActionServer):
 
     async def _execute_goal_request(self, request_header_and_message):
         header, message = request_header_and_message
-        self.participants[bytes(message.goal_id.uuid)] = _participant(header)
+        self.participants[bytes(message.goal_id.uuid)] = participant_of(header)
         await super()._execute_goal_request(request_header_and_message)
 
     async def _execute_expire_goals(self, expired_goals):
