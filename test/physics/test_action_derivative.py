@@ -99,6 +99,13 @@ hand = RigidBody("hand", FINGER, trajectory=HAND, trajectory_std=OFF)
             0.2,
             {"restitution": 0.6, "friction": 0.1, "environment": [Plane()]},
         ),
+        ([RigidBody("plate", PLATE, 0.05, wrenches=PUSHES[:1], drag=0.1)], [in_hand], 0.3, {}),
+        (
+            [RigidBody("ball", BALL, 0.03, drag=0.1)],
+            [state((0, 0, 0.1), (1, 0.2, -0.5), (3, -2, 5))],
+            0.2,
+            {"restitution": 0.6, "friction": 0.1, "environment": [Plane()]},
+        ),
         ([RigidBody("disc", DISC, 0.7)], [lying], 0.2, {"friction": 0.1, "environment": [ROUGH]}),
         ([RigidBody("disc", DISC, 0.7)], [lying], 0.4, {"friction": 0.8, "environment": [ROUGH]}),
         (
@@ -134,6 +141,8 @@ hand = RigidBody("hand", FINGER, trajectory=HAND, trajectory_std=OFF)
         "it carries",
         "wrenches in flight",
         "wrenches and a bounce",
+        "drag in flight",
+        "drag and a bounce",
         "a disc spins down",
         "until it rolls",
         "a hand lets go",

@@ -197,6 +197,59 @@ def test_a_force_against_friction():
         assert run(scene, state((0, 0, 0.02)), 2.0)[0, 3] == pytest.approx(speed, rel=0.01, abs=1e-6)
 
 
+# -- drag --------------------------------------------------------------------------------------------
+
+
+@at_steps
+@pytest.mark.parametrize("integrator", ["implicit", "explicit"])
+def test_drag_alone_slows_down_hyperbolically(integrator, dt):
+    """``v0 / (1 + k v0 t)`` with ``k = rho C_d A / (2 m)``, to round-off at any step; spin stays."""
+    ball = RigidBody("ball", BALL, 0.05, drag=0.04)
+    physics = {"gravity": None, "integrator": integrator, "dt": dt, "stiffness": 1e5}
+    x = run(Scene([ball], **physics), state(velocity=(3.0, -4.0, 0), spin=(0, 0, 2)), 1.5)[0]
+    speed = 5.0 / (1.0 + 0.5 * 1.2 * 0.04 / 0.05 * 5.0 * 1.5)
+    np.testing.assert_allclose(x[3:6], [0.6 * speed, -0.8 * speed, 0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(x[10:], [0, 0, 2], rtol=1e-9, atol=1e-12)
+
+
+def fallen(dt, time, integrator="implicit"):
+    """Depth and speed of a ball with drag that falls from rest, over those of the analytic solution."""
+    mass, area = 0.02, 0.05
+    terminal = math.sqrt(2.0 * mass * G / (1.2 * area))
+    scene = Scene(
+        [RigidBody("ball", BALL, mass, drag=area)],
+        gravity=(0, 0, -G),
+        integrator=integrator,
+        dt=dt,
+        stiffness=1e5,
+    )
+    x = run(scene, state(), time)[0]
+    depth = terminal**2 / G * math.log(math.cosh(G * time / terminal))
+    return -x[2] / depth, -x[5] / (terminal * math.tanh(G * time / terminal))
+
+
+def test_a_body_that_falls_with_drag_approaches_its_terminal_velocity():
+    """``v = v_t tanh(g t / v_t)``, ``v_t = sqrt(2 m g / (rho C_d A))``; second order, explicit first."""
+    for time in (0.25, 2.0):
+        coarse, fine = (np.abs(np.subtract(fallen(dt, time), 1.0)) for dt in (1 / 120, 1 / 240))
+        assert coarse.max() < 3e-4
+        assert np.all((fine < 0.3 * coarse) | (fine < 1e-9))
+        coarse, fine = (np.abs(np.subtract(fallen(dt, time, "explicit"), 1.0)) for dt in (1 / 120, 1 / 240))
+        assert coarse.max() < 0.04
+        assert np.all(fine < 0.6 * coarse)
+
+
+def test_drag_acts_on_a_thrown_body_until_it_lands_and_not_at_rest():
+    """A light block lands nearer than without drag; at rest it falls asleep."""
+    ends = []
+    for area in (0.0, 0.03):
+        scene = world(RigidBody("box", BLOCK, 0.02, drag=area), friction=2.0, sleep=True)
+        there = course(scene, [state((0, 0, 0.3), (2.0, 0, 1.0))], [1.0, 3.0, 4.0])[:, 0]
+        np.testing.assert_array_equal(there[1], there[2])
+        ends.append(there[1, 0])
+    assert ends[1] < 0.8 * ends[0]
+
+
 # -- attachment --------------------------------------------------------------------------------------
 
 

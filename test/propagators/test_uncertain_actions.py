@@ -110,6 +110,22 @@ def test_an_explicit_scene_has_prescribed_bodies_and_wrenches():
         assert prediction.probability(Touches("ball", "wall")).estimate == 1.0
 
 
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_beliefs_of_a_body_with_drag_are_those_of_samples(integrator):
+    """Uncertain speeds approach each other: ``v / (1 + k v t)`` of all, of which no flight is a parabola."""
+    scene = Scene([RigidBody("ball", BALL, 0.05, drag=0.05)], gravity=(0, 0, 0), integrator=integrator)
+    start = BodyBelief(linear_velocity=(4.0, 0, 0), linear_velocity_std=(0.4, 0, 0), angular_velocity_std=0.1)
+    belief, rate = Belief.of(scene, {"ball": start}), 0.5 * 1.2 * 0.05 / 0.05
+    v = np.random.default_rng(0).normal(4.0, 0.4, 100_000)
+    ends, mean, std = v / (1.0 + rate * v), np.log1p(rate * v) / rate, 1.0 / (1.0 + 4.0 * rate) ** 2
+    names = ("sigma_points", "cloud", "monte_carlo", *(["linearization"] if integrator == "implicit" else []))
+    for name in names:
+        found = predict(scene, belief, name, 1.0).body("ball")
+        assert found.linear_velocity[0] == pytest.approx(ends.mean(), rel=0.03)
+        assert found.linear_velocity_std[0] == pytest.approx(0.4 * std, rel=0.15)
+        assert found.position[0] == pytest.approx(mean.mean(), rel=0.01)
+
+
 def test_a_turning_path_is_offset_about_its_first_pose():
     """Along the axes of the body there."""
     q = Rotation.from_rotvec([[0, 0, np.pi / 2], [0, 0, np.pi / 2]])

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics import Belief, BodyBelief, Box, Plane, PosePath, RigidBody, Scene, UncPhysicsError, Wrench
+from unc_physics.checks.errors import NotSupportedError
 from unc_physics.ros.messages.actions import write_actions
 from unc_physics.ros.messages.frames import Transform
 from unc_physics.ros.messages.scene import read_scene, write_scene
@@ -186,3 +187,9 @@ def test_bad_input_is_named(kind, actions, sentence):
     with pytest.raises(UncPhysicsError) as error:
         read_scene(SceneMessage(objects=[message]), LIBRARY, EXACT_PRESETS["everyday"], actions=actions)
     assert str(error.value).startswith(sentence)
+
+
+def test_drag_is_not_lost_in_a_message():
+    scene = Scene.everyday([RigidBody("mug", MUG, 0.3, drag=0.01)], environment=[Plane()])
+    with pytest.raises(NotSupportedError, match="drag of body 'mug' has no field in messages"):
+        write_scene(scene, Belief.of(scene, {"mug": BodyBelief()}), told)

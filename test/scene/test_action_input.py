@@ -63,6 +63,8 @@ def test_a_path_that_cannot_be(given, sentence):
         ({"trajectory": LINE, "at_rest": True}, "at_rest of body 'a' must be false for a prescribed body"),
         ({"trajectory": LINE, "attached_to": "b"}, "attached_to of body 'a' must be absent: the body"),
         ({"trajectory": LINE, "wrenches": [Wrench()]}, "wrenches of body 'a' must be absent: no force moves"),
+        ({"fixed": True, "drag": 0.1}, "drag of body 'a' must be absent: no force moves this body"),
+        ({"drag": -0.1}, "drag of body 'a' must not be negative (got -0.1)"),
         ({"trajectory": 1.0}, "trajectory of body 'a' must be a PosePath, not a float"),
         ({"attached_to": "a"}, "attached_to of body 'a' must be another body than itself"),
         ({"attached_to": "b", "attached_at": 2.0, "released_at": 1.0}, "must be later than attached_at, 2 s"),
@@ -170,6 +172,7 @@ def in_file(body=None, element=None):
         ({"mass": 1, "wrenches": {}}, "bodies[1].wrenches must be a list"),
         ({"mass": 1, "wrenches": [{"power": 1}]}, "bodies[1].wrenches[0] has no key 'power'"),
         ({"mass": 1, "wrenches": [{"duration": -1}]}, "bodies[1].wrenches[0].duration must be positive"),
+        ({"mass": 1, "drag": "much"}, "bodies[1].drag must be a number"),
         ({"mass": 1, "attached_to": 7}, "attached_to of body 'hand' must be the name of a body"),
         ({"mass": 1, "released_at": "soon"}, "bodies[1].released_at must be a number"),
     ],
@@ -202,11 +205,13 @@ def test_a_file_says_what_python_says():
         "released_at": 0.4,
         "released_at_std": 0.05,
         "wrenches": [{"force": [1, 0, 0], "start": 0.5, "duration": 1, "body_axes": True}],
+        "drag": 0.02,
     }
     scene, belief, _ = scene_from_dict(content)
     held, hand = scene.bodies
     assert (held.attached_to, held.released_at, held.released_at_std) == ("hand", 0.4, 0.05)
     assert held.wrenches[0].end == 1.5 and held.wrenches[0].body_axes
+    assert held.drag == 0.02
     np.testing.assert_allclose(
         hand.trajectory.linear_velocities, [[0, 0, 0], [0.03333, 0, 0.26667], [0, 0, 0.3]], atol=1e-4
     )

@@ -3,11 +3,13 @@
 Half of their impulses come before the motion, half after it.
 """
 
+import math
+
 from ..compiler import inner
 from ..dynamics.actions import acting_for
 from ..spatial.layout import ER, ERROR, EV, EW
 from ..spatial.rotation import cross, rotate, write_matrix
-from ..spatial.vectors import minus, plus, put, three, times, vector
+from ..spatial.vectors import dot, minus, plus, put, three, times, triple, vector
 from .flight_derivative import fly_errors, in_world
 
 
@@ -25,6 +27,7 @@ def fly_pushed_errors(v, w, q, i, h, end, decay, world, errors):
     turned = fly_errors(v, w, q, i, h, decay, world, errors)
     if pushed:
         write_matrix(turned, errors.R, 0)
+        v = plus(times(decay, v), times(h, triple(world.gravity, 0)))
         push_errors(errors.end, v, w, i, end - h, end, world, errors)
         for c in range(begin.shape[1]):  # lasting contacts use the velocity before the wrenches
             put(begin, first + EV, c, vector(kept, 0, c))
@@ -39,17 +42,20 @@ def push_errors(rows, v, w, i, begin, end, world, errors):
     matrix is in ``errors.R``. Returns the velocities after it.
     """
     actions, bodies, first = world.environment.actions, world.bodies, ERROR * errors.block[i]
-    inverse = bodies.inverse_inertia[i]
+    inverse, inverse_mass = bodies.inverse_inertia[i], bodies.inverse_mass[i]
     for u in range(len(actions.wrench_body)):
         time = 0.5 * acting_for(u, begin, end, actions)
         if actions.wrench_body[u] != i or time <= 0.0:
+            continue
+        if actions.wrench_drag[u] > 0.0:
+            v = _slow_errors(rows, v, time, inverse_mass * actions.wrench_drag[u], first, errors)
             continue
         local = actions.wrench_local[u]
         force, torque = three(actions.wrench, u, 0), three(actions.wrench, u, 3)
         if local:
             force = rotate(errors.R[0], force[0], force[1], force[2])
             torque = rotate(errors.R[0], torque[0], torque[1], torque[2])
-        push, spin = times(bodies.inverse_mass[i], force), in_world(errors.R[0], inverse, torque)
+        push, spin = times(inverse_mass, force), in_world(errors.R[0], inverse, torque)
         begins = begin > actions.wrench_time[u, 0]
         ends = end < actions.wrench_time[u, 1]
         for c in range(rows.shape[1]):
@@ -68,3 +74,19 @@ def push_errors(rows, v, w, i, begin, end, world, errors):
             put(rows, first + EW, c, plus(vector(rows, first + EW, c), dw))
         v, w = plus(v, times(time, push)), plus(w, times(time, spin))
     return v, w
+
+
+@inner
+def _slow_errors(rows, v, time, drag, first, errors):
+    """Propagate errors in ``rows`` through drag for a time, half of an interval; return the new velocity.
+
+    ``drag`` is that of `Actions.wrench_drag` over the mass [1/m].
+    """
+    pace = math.sqrt(dot(v, v))
+    kept = 1.0 / (1.0 + time * drag * pace)
+    for c in range(rows.shape[1]):
+        dv, less = vector(rows, first + EV, c), 0.0
+        if pace > 0.0:
+            less = kept * kept * drag * (0.5 * errors.length[c] * pace + time * dot(v, dv) / pace)
+        put(rows, first + EV, c, minus(times(kept, dv), times(less, v)))
+    return times(kept, v)

@@ -1,4 +1,4 @@
-"""Robot actions as arrays for the kernels: paths, attachments, moving surfaces, and wrenches."""
+"""Actions as arrays for the kernels: paths, attachments, moving surfaces, wrenches, and drag of the air."""
 
 from typing import NamedTuple
 
@@ -42,6 +42,8 @@ class Actions(NamedTuple):
         Times at which each wrench begins and ends [s].
     wrench_local : (U,) bool
         Whether force and torque are in the body frame, not the world frame.
+    wrench_drag : (U,) float64
+        Drag c of a wrench that is the force ``-c |v| v`` on the centre of mass [kg/m]; 0 of all others.
     surface : (E, 6) float64
         Velocity of each element's surface at the world's origin [m/s] and its angular velocity [rad/s]. Empty
         if no surface moves.
@@ -59,6 +61,7 @@ class Actions(NamedTuple):
     wrench: np.ndarray
     wrench_time: np.ndarray
     wrench_local: np.ndarray
+    wrench_drag: np.ndarray
     surface: np.ndarray
 
 
@@ -77,6 +80,7 @@ def no_actions(bodies: int) -> Actions:
         wrench=np.empty((0, 6)),
         wrench_time=np.empty((0, 2)),
         wrench_local=np.empty(0, np.bool_),
+        wrench_drag=np.empty(0),
         surface=np.empty((0, 6)),
     )
 
@@ -237,12 +241,21 @@ def acting_for(u, begin, end, actions):
 
 @inner
 def push(x, i, begin, end, share, bodies, R, actions):
-    """Add a share of the impulses that wrenches give body i between two times to its velocities."""
+    """Add a share of the impulses that wrenches give body i between two times to its velocities.
+
+    Drag alone would leave ``v / (1 + c |v| t / m)`` of a velocity, which is exact for any time.
+    """
     for u in range(len(actions.wrench_body)):
         if actions.wrench_body[u] != i:
             continue
         time = share * acting_for(u, begin, end, actions)
         if time <= 0.0:
+            continue
+        if actions.wrench_drag[u] > 0.0:
+            pace = np.sqrt(x[i, V] * x[i, V] + x[i, V + 1] * x[i, V + 1] + x[i, V + 2] * x[i, V + 2])
+            kept = 1.0 / (1.0 + time * bodies.inverse_mass[i] * actions.wrench_drag[u] * pace)
+            for k in range(3):
+                x[i, V + k] *= kept
             continue
         f, A = actions.wrench[u], R[i]
         fx, fy, fz = f[0], f[1], f[2]
@@ -261,7 +274,10 @@ def push(x, i, begin, end, share, bodies, R, actions):
 
 @inner
 def bound_push(i, begin, end, bodies, actions):
-    """Bound the change of velocity of a point of body i by wrenches between two times [m/s]."""
+    """Bound the change of velocity of a point of body i by wrenches between two times [m/s].
+
+    Drag never makes a body faster, and none acts on a body at rest.
+    """
     total = 0.0
     for u in range(len(actions.wrench_body)):
         if actions.wrench_body[u] == i:

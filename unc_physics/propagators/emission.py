@@ -378,15 +378,15 @@ def _groups(runs, scene):
     first, start = runs.contact_history.first_time, runs.contact_history.start
     met = np.isfinite(first).any(axis=0)
     moved = np.zeros(len(runs.mean), bool) if start is None else (start.moved > 0.0).any(axis=0)
-    tilted = scene.gyroscopic or any(p.name == "gravity_direction" for p in scene.uncertain)
-    tilted = tilted and runs.step > 0
-    key = met.tobytes() + moved.tobytes() + bytes([tilted])
+    tilted = any(p.name == "gravity_direction" for p in scene.uncertain)
+    no_closed_form = runs.step > 0 and (tilted or scene.gyroscopic or scene.acts)
+    key = met.tobytes() + moved.tobytes() + bytes([no_closed_form])
     if key not in runs.shared.groups:
-        runs.shared.groups[key] = list(_divided(runs, scene, met, moved, tilted))
+        runs.shared.groups[key] = list(_divided(runs, scene, met, moved, no_closed_form))
     return runs.shared.groups[key]
 
 
-def _divided(runs, scene, met, moved, tilted):
+def _divided(runs, scene, met, moved, no_closed_form):
     """As `_groups`, of who has met whom (B, B + E), and who was moved at the start (B,)."""
     count, size = len(runs.mean), runs.root.shape[1]
     movable = np.zeros(count, bool)
@@ -408,8 +408,9 @@ def _divided(runs, scene, met, moved, tilted):
         known = {*bodies.tolist(), *common}
         extra = [size + c for c, parameter in enumerate(scene.uncertain) if parameter.body in known]
         columns = np.concatenate([used, np.array(extra, np.int64)])
-        alone = not (others | moved)[bodies].any()
-        flew = alone and len(bodies) == 1 and not tilted
+        # drag depends on the velocity in the world
+        alone = not (others | moved)[bodies].any() and not any(scene.bodies[k].drag for k in found)
+        flew = alone and len(bodies) == 1 and not no_closed_form
         root = np.ascontiguousarray(root[:, :, used].reshape(ERROR * len(bodies), len(used)))
         key = bodies.tobytes() + met[bodies].tobytes() + met[:, bodies].tobytes() + bytes([alone, flew])
         yield Group(key, bodies, columns, len(extra), root, alone, flew)

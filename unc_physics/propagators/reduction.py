@@ -21,8 +21,12 @@ _NEGLIGIBLE = 1e-9  # singular values, relative to the largest, of combinations 
 
 
 def symmetric(scene: Scene) -> bool:
-    """Whether the bodies of a scene can meet nothing but each other, and are not divided into islands."""
-    return len(scene.moving) == len(scene.bodies) and not scene.environment and not scene.islands
+    """Whether the bodies of a scene can meet nothing but each other, and are not divided into islands.
+
+    Drag depends on the velocity in the world, so with drag they do notice a common one.
+    """
+    alone = len(scene.moving) == len(scene.bodies) and not scene.environment
+    return alone and not scene.islands and not any(body.drag for body in scene.bodies)
 
 
 class Reduction(NamedTuple):

@@ -24,6 +24,8 @@ from .belief import Belief
 if TYPE_CHECKING:
     from .scene import Scene
 
+#: Density of air at 20 degrees C and sea level [kg/m^3].
+AIR_DENSITY = 1.2
 #: Uncertain parameters (`parameters`) that belong to actions.
 UNCERTAIN = ("trajectory", "released_at")
 
@@ -34,6 +36,7 @@ def actions_of(bodies, environment) -> Actions:
     paths = [k for k, body in enumerate(bodies) if body.trajectory is not None]
     held = [k for k, body in enumerate(bodies) if body.attached_to is not None]
     pushed = [(k, wrench) for k, body in enumerate(bodies) for wrench in body.wrenches]
+    slowed = [k for k, body in enumerate(bodies) if body.drag]
     actions = no_actions(len(bodies))
     if paths:
         own = [bodies[k].trajectory for k in paths]
@@ -50,12 +53,20 @@ def actions_of(bodies, environment) -> Actions:
     for k in held:
         actions.carrier[k] = names.index(bodies[k].attached_to)
         actions.held[k] = bodies[k].attached_at, bodies[k].released
-    if pushed:
+    if pushed or slowed:
+        none, always = [0.0] * 6, [-np.inf, np.inf]
         actions = actions._replace(
-            wrench_body=np.array([k for k, _ in pushed]),
-            wrench=np.array([[*wrench.force, *wrench.torque] for _, wrench in pushed]),
-            wrench_time=np.array([[wrench.start, wrench.end] for _, wrench in pushed]),
-            wrench_local=np.array([wrench.body_axes for _, wrench in pushed]),
+            wrench_body=np.array([*(k for k, _ in pushed), *slowed]),
+            wrench=np.array(
+                [*([*wrench.force, *wrench.torque] for _, wrench in pushed), *([none] * len(slowed))]
+            ),
+            wrench_time=np.array(
+                [*([wrench.start, wrench.end] for _, wrench in pushed), *([always] * len(slowed))]
+            ),
+            wrench_local=np.array([*(wrench.body_axes for _, wrench in pushed), *([False] * len(slowed))]),
+            wrench_drag=np.array(
+                [*([0.0] * len(pushed)), *(0.5 * AIR_DENSITY * bodies[k].drag for k in slowed)]
+            ),
         )
     moves = [element.moving_surface for element in environment]
     if any(row.any() for row in moves):

@@ -93,6 +93,10 @@ class RigidBody(Surface):
         Standard deviation of the release time [s].
     wrenches : tuple of Wrench
         Wrenches on the body in addition to gravity and contacts, while it moves freely.
+    drag : float
+        Drag area of the body in air, C_d A [m^2], by default 0: no drag. The force at the COM is
+        ``-0.5 rho C_d A |v| v``, with the density of air rho = 1.2 kg/m^3. It acts while the body moves
+        freely and has no torque. A cube that tumbles has a C_d of about 1, a ball about 0.5.
 
     Raises
     ------
@@ -117,6 +121,7 @@ class RigidBody(Surface):
     released_at: float | None = None
     released_at_std: float = 0.0
     wrenches: Sequence[Wrench] = ()
+    drag: float = 0.0
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name:
@@ -171,9 +176,11 @@ class RigidBody(Surface):
         wrenches = tuple(self.wrenches)
         for k, wrench in enumerate(wrenches):
             instance(wrench, Wrench, f"wrenches[{k}]{of}")
-        if wrenches and not self.free:
-            raise InvalidRequestError("must be absent: no force moves this body", field=f"wrenches{of}")
-        return {"trajectory_std": std, "wrenches": wrenches} | self._checked_attachment(of)
+        drag = non_negative(self.drag, f"drag{of}")
+        for name, value in (("wrenches", wrenches), ("drag", drag)):
+            if value and not self.free:
+                raise InvalidRequestError("must be absent: no force moves this body", field=f"{name}{of}")
+        return {"trajectory_std": std, "wrenches": wrenches, "drag": drag} | self._checked_attachment(of)
 
     def _checked_attachment(self, of):
         start = non_negative(self.attached_at, f"attached_at{of}")

@@ -312,7 +312,7 @@ class Scene:
 
     @cached_property
     def acts(self) -> bool:
-        """Whether there are prescribed bodies, attachments, wrenches, or moving surfaces."""
+        """Whether there are prescribed bodies, attachments, wrenches, drag, or moving surfaces."""
         a = self.actions
         return bool(len(a.kinematic) or len(a.wrench_body) or len(a.surface))
 

@@ -71,6 +71,7 @@ _BODY_KEYS = (
     "released_at",
     "released_at_std",
     "wrenches",
+    "drag",
     *_SURFACE_KEYS,
 )
 
@@ -395,6 +396,8 @@ def _actions(content, field):
             given[key] = value if key == "attached_to" else number(value, f"{field}.{key}")
     if content.get("wrenches") is not None:
         given["wrenches"] = read_wrenches(content["wrenches"], f"{field}.wrenches")
+    if content.get("drag") is not None:
+        given["drag"] = non_negative(content["drag"], f"{field}.drag")
     return given
 
 

@@ -26,6 +26,7 @@ from ...checks.errors import (
     LimitExceededError,
     NoObjectsError,
     NotFiniteError,
+    NotSupportedError,
     UncPhysicsError,
 )
 from ...checks.validation import FARTHEST, array, covariance, non_negative, number, point, quaternion
@@ -275,7 +276,7 @@ def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelI
     UnknownModelError, InvalidModelError
         If the node does not have a body's model, or has a different model with its name.
     NotSupportedError
-        If messages have no field for an element of the environment.
+        If messages have no field for an element of the environment, or for a body's drag.
     """
     message = SceneMessage(
         objects=[write_object(scene, belief, b, model_info) for b in range(len(scene.bodies))]
@@ -295,6 +296,10 @@ def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelI
 def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str], ModelInfo]) -> ObjectState:
     """Return the message of body ``b``, without actions on it; errors are as in `write_scene`."""
     body: RigidBody = scene.bodies[b]
+    if body.drag:
+        raise NotSupportedError(
+            "has no field in messages", field=f"drag of body '{body.name}'", value=body.drag
+        )
     state, C, *_ = at_origin(
         writable(belief.mean[b]), writable(belief.marginal(b)), writable(body.model.origin)
     )
