@@ -22,7 +22,9 @@ LEVELS = (0.5, 0.9)
 #: Lines of the tables: method, and with what it predicts.
 LINES = (
     (OURS, x.DEFAULTS),
+    (OURS, x.EXACT),
     (OURS, x.CALIBRATED),
+    *((OURS, given) for given in x.PACKED),
     ("mujoco", x.DEFAULTS),
     ("mujoco", x.CALIBRATED),
     ("pybullet", x.DEFAULTS),
@@ -30,16 +32,17 @@ LINES = (
     (MARGINAL, x.DEFAULTS),
     (STILL, x.DEFAULTS),
 )
-_DRAWN = {LINES[0]: "--", LINES[1]: "-", LINES[3]: "-", LINES[5]: "-"}
+_DRAWN = {(OURS, x.DEFAULTS): "--"} | {(by, x.CALIBRATED): "-" for by in (OURS, "mujoco", "pybullet")}
 
 
 class Line(NamedTuple):
-    """Predictions of a set by one method: values by quantity and motion."""
+    """Predictions of a set by one method: values by quantity and motion, and CPU times of a sample [s]."""
 
     of: str
     method: str
     given: str
     values: dict[str, dict[int, float]]
+    times: list[float]
 
     @property
     def title(self) -> str:
@@ -50,12 +53,15 @@ class Line(NamedTuple):
 def lines(rows: Rows) -> list[Line]:
     """All predictions, those of a set together."""
     found: dict[tuple, dict[str, dict[int, float]]] = {}
+    times: dict[tuple, list[float]] = {}
     for row in rows:
-        if not row["quantity"].startswith("fitted"):
-            own = found.setdefault((row["set"], row["method"], row["given"]), {})
-            own.setdefault(row["quantity"], {})[row["replicate"]] = row["value"]
+        key = row["set"], row["method"], row["given"]
+        if row["quantity"] == x.TIME:
+            times.setdefault(key, []).append(row["value"] / row["samples"])
+        elif not row["quantity"].startswith("fitted"):
+            found.setdefault(key, {}).setdefault(row["quantity"], {})[row["replicate"]] = row["value"]
     return [
-        Line(name, method, given, found[name, method, given])
+        Line(name, method, given, found[name, method, given], times.get((name, method, given), []))
         for name, (method, given) in product(rows.unique("set"), LINES)
         if (name, method, given) in found
     ]
@@ -78,7 +84,7 @@ def _scores(found: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
     """Mean scores; and by how much they are below those of the outcomes of others, over all times."""
     head = ["motions", "prediction", *(f"position, {when} [mm]" for when in x.TIMES)]
     head += [*(f"rotation, {when} [rad]" for when in x.TIMES), "Brier score of the face"]
-    head += ["error of the mean at rest, rms [mm]"]
+    head += ["error of the mean at rest, rms [mm]", "CPU time of 100 samples [ms]"]
     head += [f"{what} above {label(MARGINAL)} [%]" for what in ("position", "rotation")]
     marginal = {line.of: line for line in found if line.method == MARGINAL}
     cells = []
@@ -89,6 +95,7 @@ def _scores(found: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
         own += [
             _mean(line, x.BRIER),
             number(1e3 * rms(np.array(list(line.values[f"{x.ERROR} rest"].values())))),
+            number(1e5 * float(np.median(line.times))) if line.times else "",
         ]
         for quantity in (x.POSITION_SCORE, x.ROTATION_SCORE):
             other = marginal.get(line.of)

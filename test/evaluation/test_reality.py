@@ -127,7 +127,7 @@ def test_rows_and_report(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "fit_model", fit)  # tested where it is
     results = Results(tmp_path / "results")
     jobs = experiment.jobs(Settings(quick=True, data=str(folder)))
-    assert len(jobs) == 1 + 4 + 1  # defaults, leave one out, without physics
+    assert len(jobs) == 1 + 1 + 4 + 1  # defaults, exact, leave one out, without physics
     for job in jobs:
         outcome = experiment.run(job)
         assert all(np.isfinite(row.value) for row in outcome.rows)
@@ -135,19 +135,40 @@ def test_rows_and_report(folder, tmp_path, monkeypatch):
     found = lines(results.rows("reality"))
     assert [(line.method, line.given) for line in found] == [
         (OURS, "default"),
+        (OURS, "exact"),
         (OURS, "calibrated"),
         (MARGINAL, "default"),
         (STILL, "default"),
     ]
-    ours, marginal = found[0], found[2]
+    ours, exact, marginal = found[0], found[1], found[3]
+    assert _in_90(exact) < _in_90(ours)
     assert above(marginal, marginal, experiment.POSITION_SCORE) == "+0 (+0 to +0)"
-    assert above(ours, found[3], experiment.POSITION_SCORE).startswith("-")
-    assert "worse at" in above(found[3], ours, experiment.POSITION_SCORE)
+    assert above(ours, found[4], experiment.POSITION_SCORE).startswith("-")
+    assert "worse at" in above(found[4], ours, experiment.POSITION_SCORE)
     report = experiment.report(results)
     assert "| cube on a table, 4 | unc_physics, default |" in report
-    assert (results.folder / "reality_scores.csv").read_text().count("\n") == 5
+    assert (results.folder / "reality_scores.csv").read_text().count("\n") == 6
     assert (results.folder / "reality_coverage.csv").is_file()
     assert results.figure("reality").stat().st_size > 10_000
+
+
+def _in_90(line):
+    """Number of positions in regions of 90 %."""
+    ranks = [line.values[f"{experiment.POSITION_RANK} {when}"].values() for when in experiment.TIMES]
+    return sum(rank <= 0.9 for own in ranks for rank in own)
+
+
+def test_a_packed_cube_lacks_its_corners():
+    """Inside the cube, on all faces, with the cube's mass properties."""
+    solid = box("cube", [0.1, 0.1, 0.1])
+    cut = []
+    for count in (100, 300):
+        packing = solid.packed(count)
+        reach = np.abs(packing.centers) + packing.radii[:, None]
+        assert reach.max() == pytest.approx(0.05, rel=1e-3)
+        assert packing.inertia == pytest.approx(solid.inertia, rel=1e-6)
+        cut.append(0.05 * 3**0.5 - np.max(np.linalg.norm(packing.centers, axis=1) + packing.radii))
+    assert 0.002 < cut[1] < cut[0] < 0.02
 
 
 def test_pushes_by_ours_and_without_physics(monkeypatch):

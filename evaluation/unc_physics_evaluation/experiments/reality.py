@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -18,6 +19,7 @@ from unc_physics.calibration.scores import (
     pose_errors,
     rotation_energy_score,
 )
+from unc_physics.scene.presets import EXACT_PRESETS
 from unc_physics.scene.scene import IMPACT_STDS, Scene
 from unc_physics.scene.stiffness import with_stiffness
 from unc_physics.spatial.layout import POSITION, QUATERNION
@@ -35,7 +37,9 @@ from ..scores import brier_score
 
 TITLE = "Reality"
 TIMES = ("0.1 s", "0.2 s", "0.4 s", "rest")
-DEFAULTS, CALIBRATED = "default", "calibrated"
+DEFAULTS, EXACT, CALIBRATED = "default", "exact", "calibrated"
+#: Packings of a cube, whose spheres are in order of size, so that its corners are cut.
+PACKED = {f"{count} spheres": count for count in (100, 300, 1000)}
 #: Most motions of a set, samples of each prediction; motions, samples of all motions, and models of a fit.
 FULL = {"motions": 60, "samples_each": 100, "fit_motions": 20, "fit_draws": 240, "evaluations": 60}
 QUICK = {"motions": 12, "samples_each": 50, "fit_motions": 8, "fit_draws": 64, "evaluations": 60}
@@ -45,6 +49,7 @@ _FOLDS = {OURS: 5, "mujoco": 2, "pybullet": 2}
 _SAMPLE = {OURS: 6e-4, "mujoco": 6e-3, "pybullet": 3e-3}  # s, about
 POSITION_SCORE, ROTATION_SCORE, BRIER = "position score", "rotation score", "brier score"
 POSITION_RANK, ROTATION_RANK, ERROR = "position rank", "rotation rank", "position error"
+TIME = "cpu time"
 #: Friction and restitution of engines that nobody has set: MuJoCo's, and PyBullet's.
 _UNSET = {"mujoco": (1.0, 0.0), "pybullet": (0.5, 0.0)}
 _WIDE = 1.0
@@ -57,7 +62,7 @@ def jobs(settings: Settings) -> list[Job]:
     for name, own in read_sets(settings.data).items():
         count = min(len(own.motions), size["motions"])
         for by in (*available(), MARGINAL):
-            for given in (DEFAULTS, CALIBRATED) if by != MARGINAL else (DEFAULTS,):
+            for given in _givens(own, by):
                 folds = _folds(own, by, given, count)
                 for fold in range(folds):
                     parameters = settings.parameters(
@@ -67,10 +72,20 @@ def jobs(settings: Settings) -> list[Job]:
     return found
 
 
+def _givens(own, by):
+    """With what a method predicts a set."""
+    if by == MARGINAL:
+        return (DEFAULTS,)
+    if by != OURS or isinstance(own, PushSet):
+        return DEFAULTS, CALIBRATED
+    packed = PACKED if own.solid is not None and own.solid.name == "cube" else ()
+    return DEFAULTS, EXACT, CALIBRATED, *packed
+
+
 def _folds(own, by, given, count):
     if isinstance(own, PushSet):
         return -(-count // _PUSHES)
-    if given == DEFAULTS:
+    if given != CALIBRATED:
         return 1
     return count if count <= (_LEAVE_ONE_OUT if by == OURS else _FOLDS[by]) else _FOLDS[by]
 
@@ -84,7 +99,8 @@ def _cost(own, p, count):
     fitted = 0.0
     if p["given"] == CALIBRATED:
         fitted = p["fit_draws"] * (p["evaluations"] + 75)
-    return _SAMPLE[p["by"]] * (fitted + p["samples_each"] * scored)
+    slower = 1.0 + PACKED.get(p["given"], 0) / 100.0
+    return _SAMPLE[p["by"]] * (fitted + slower * p["samples_each"] * scored)
 
 
 def missing(settings: Settings) -> list[str]:
@@ -132,17 +148,20 @@ def _by_physics(own: RecordedSet, tests, others, p, seed: int) -> list[Row]:
     rows: list[Row] = []
     if p["given"] == CALIBRATED:
         model, values = _calibrated(own, others[: p["fit_motions"]], p, simulate, seed)
+        flies = model.scene
         rows += [Row(p["by"], f"fitted {name}", "1", value, replicate=p["fold"]) for name, value in values]
     else:
-        scene = own.measured_scene(others)
-        model = own.model(others, scene if p["by"] == OURS else _unset(scene, p["by"]))
+        flies = own.measured_scene(others)
+        model = own.model(others, _given(own, flies, p["by"], p["given"]))
     normals = face_normals(own.scene.bodies[0].model)
-    tested = own.recorded(model.scene, tests)
+    tested = own.recorded(flies, tests)  # with all corners: flights end with the first contact
     scene = with_stiffness(model.scene, tested[0].start.state[None])
     for k, one in zip(tests, tested, strict=True):
         own_seed = seed_of(seed, int(k))
         belief = one.start.belief(model.position_noise, model.rotation_noise)
+        begun = time.process_time()
         states = simulate(scene, belief, one.times, p["samples_each"], own_seed)
+        rows.append(Row(p["by"], TIME, "s", time.process_time() - begun, p["samples_each"], int(k)))
         states = as_recorded(states, model, own_seed)
         rows += _rows(states, one.poses, normals, p["by"], int(k), own_seed)
     if isinstance(simulate, RecordedEngine):
@@ -150,9 +169,20 @@ def _by_physics(own: RecordedSet, tests, others, p, seed: int) -> list[Row]:
     return rows
 
 
-def _unset(scene: Scene, engine: str) -> Scene:
-    """The scene as an engine takes it where nobody sets anything."""
-    friction, restitution = _UNSET[engine]
+def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
+    """The scene of a set without calibration: as it is, exact, packed, or as an engine takes it."""
+    if given in PACKED:
+        body = scene.bodies[0]
+        packed = replace(body, model=own.solid.packed(PACKED[given]), inertia=body.unit_inertia)
+        return replace(scene, bodies=[packed])
+    if by == OURS and given != EXACT:
+        return scene
+    if by == OURS:  # what the scene file gives is exact already
+        preset = EXACT_PRESETS["everyday"]
+        friction = preset["friction"] if scene.friction_std else scene.friction
+        restitution = preset["restitution"] if scene.restitution_std else scene.restitution
+    else:
+        friction, restitution = _UNSET[by]
     known = dict.fromkeys((*IMPACT_STDS, "friction_std", "restitution_std"), 0.0)
     return replace(scene, friction=friction, restitution=restitution, impact_friction_speed=None, **known)
 
