@@ -27,7 +27,8 @@ VENV_PYTHON := $(VENV)/bin/python
 PIP := $(VENV_PYTHON) -m pip -q --no-input --disable-pip-version-check install --no-compile -c requirements/constraints.txt
 MADE := $(VENV)/made
 PREFIX := $(CURDIR)/$(VENV)
-CMAKE := env PATH="$(PREFIX)/bin:$(PATH)" AMENT_PREFIX_PATH="$(PREFIX)" CMAKE_PREFIX_PATH="$(PREFIX)" cmake
+CMAKE := env PATH="$(PREFIX)/bin:$(PATH)" AMENT_PREFIX_PATH="$(PREFIX)" CMAKE_PREFIX_PATH="$(PREFIX)" \
+    PYTHONPATH="$(CURDIR)/cmake/parse_once" PARSED_INTERFACES="$(PREFIX)/made/build/parsed" cmake
 INTERFACES := $(wildcard unc_physics_msgs/*.* unc_physics_msgs/*/*.*)
 
 # A venv knows its folder: one that was moved or whose Python is gone is made anew.
@@ -49,7 +50,7 @@ venv:
 	@$(MAKE_STEPS) $(MADE)/package
 
 demo:
-	@$(MAKE_STEPS) $(MADE)/kernels $(MADE)/package
+	@$(MAKE_STEPS) $(MADE)/kernels $(MADE)/package $(MADE)/more_kernels
 	@$(VENV_PYTHON) -m unc_physics.ros.demo
 
 # Without the variable pyright would look for a newer version of itself.
@@ -154,9 +155,9 @@ INSTALLED_INTERFACES = $(VENV)/lib/libunc_physics_msgs__* $(VENV)/share/unc_phys
     $(VENV)/lib/python3.*/site-packages/unc_physics_msgs
 
 $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | $(MADE)/ros
-	@echo "[3] Building unc_physics_msgs, beside the other steps: about a minute ..."
-	@rm -rf $(MADE)/build $(INSTALLED_INTERFACES) && mkdir $(MADE)/build
-	@{ $(CMAKE) -S unc_physics_msgs -B $(MADE)/build -DCMAKE_BUILD_TYPE=Release -DCPP_INTERFACES=OFF \
+	@echo "[3] Building unc_physics_msgs, beside the other steps: half a minute ..."
+	@rm -rf $(MADE)/build $(INSTALLED_INTERFACES) && mkdir -p $(MADE)/build/parsed
+	@{ $(CMAKE) -S unc_physics_msgs -B $(MADE)/build -DCMAKE_C_FLAGS=-O1 -DCMAKE_CXX_FLAGS=-O1 -DCPP_INTERFACES=OFF \
 	        -DCMAKE_UNITY_BUILD=ON -DCMAKE_UNITY_BUILD_BATCH_SIZE=20 -DBUILD_TESTING=OFF \
 	        -DCMAKE_PROJECT_INCLUDE="$(CURDIR)/cmake/ros_wheels.cmake" \
 	        -DPython3_EXECUTABLE="$(PREFIX)/bin/python" -DCMAKE_INSTALL_PREFIX="$(PREFIX)" && \
@@ -164,18 +165,25 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 	} > $(MADE)/interfaces.log 2>&1 || { tail -n 30 $(MADE)/interfaces.log; exit 1; }
 	@rm -rf $(MADE)/build && touch $@
 
-# What the demo's node asks of the kernels, for numba to find in its cache. The node would compile it too, alone.
+# What the demo's node asks of the kernels, for numba to find in its cache. The node would compile it too, alone. The
+# second half takes as long as the interfaces, and starts after them.
 define COMPILE
+import sys
 from unc_physics import encounters, load_scene, predict
 scene, belief, _ = load_scene("examples/scenes/table.yaml")
-for propagator in ("auto", "monte_carlo", "sigma_points", "local_sampling", "linearization", "surrogate"):
+for propagator in sys.argv[1:]:
     predict(scene, belief, propagator, 0.1, events=encounters(scene))
 endef
 export COMPILE
 
 $(MADE)/kernels: $(MADE)/run
-	@echo "[4] Compiling the kernels: one to three minutes ..."
-	@$(VENV_PYTHON) -c "$$COMPILE"
+	@echo "[4] Compiling the kernels: about a minute ..."
+	@$(VENV_PYTHON) -c "$$COMPILE" auto monte_carlo sigma_points
+	@touch $@
+
+$(MADE)/more_kernels: $(MADE)/run | $(MADE)/interfaces
+	@echo "[5] Compiling the kernels of other methods, beside the first: half a minute ..."
+	@$(VENV_PYTHON) -c "$$COMPILE" local_sampling linearization surrogate
 	@touch $@
 
 # What nearly all tests ask of the kernels: it compiles while pip downloads what else they need.
