@@ -69,8 +69,8 @@ TOPICS = {
     "tracking": (
         "Python: tracking",
         "Beliefs that are kept while measurements arrive.",
-        """Tracker ContactNoise PoseMeasurement PositionMeasurement RelativePoseMeasurement Correction
-        TrackStatus""",
+        """Tracker AxialSymmetry ContactNoise PoseMeasurement PositionMeasurement RelativePoseMeasurement
+        Correction TrackStatus""",
     ),
     "geometry": (
         "Python: geometry",

@@ -73,6 +73,7 @@ from .tracking.measurements import RelativePoseMeasurement as RelativePoseMeasur
 from .tracking.noise import ContactNoise as ContactNoise
 from .tracking.report import Correction as Correction
 from .tracking.report import TrackStatus as TrackStatus
+from .tracking.symmetry import AxialSymmetry as AxialSymmetry
 from .tracking.tracker import Tracker as Tracker
 
 __version__: str

@@ -124,7 +124,7 @@ def frames_of(tosses: Tosses, k: int, rate: float, condition: str, seed: int) ->
     truth[:, POSITION], truth[:, QUATERNION] = poses[some, :3], poses[some, 3:]
     turn = Rotation.from_quat(poses[:, 3:])
     for n, at in enumerate(some):
-        a, b = max(at - 1, 0), min(at + 1, len(poses) - 1)
+        a, b = max(int(at) - 1, 0), min(int(at) + 1, len(poses) - 1)
         h = (b - a) * tosses.dt
         truth[n, VELOCITY] = (poses[b, :3] - poses[a, :3]) / h
         truth[n, ANGULAR_VELOCITY] = (turn[b] * turn[a].inv()).as_rotvec() / h
@@ -231,19 +231,25 @@ class Score(NamedTuple):
     ahead_log: float
     ahead_inside_position: float
     ahead_inside_rotation: float
+    ahead_rests: float
     rejected_outlier: float
     rejected_good: float
     seconds: float
 
 
+#: Speed below which a recorded body rests [m/s].
+_AT_REST = 0.02
 #: 90 % quantiles of chi squared with 3 and 6 degrees of freedom.
 _INSIDE_3, _INSIDE_6 = 6.251, 10.645
 
 
 def scores(follower: Follower, frames: Frames, ahead_every: int = 1) -> Iterator[Score]:
-    """Follow a motion, and score every frame."""
+    """Follow a motion, and score every frame.
+
+    Recordings end at rest: a prediction for a time after the end is compared with the last pose.
+    """
     nan = float("nan")
-    last = frames.times[-1]
+    last = float(frames.times[-1])
     unseen = False
     for n, when in enumerate(frames.times.tolist()):
         truth, seen = frames.truth[n], bool(frames.is_seen[n])
@@ -265,36 +271,41 @@ def scores(follower: Follower, frames: Frames, ahead_every: int = 1) -> Iterator
         belief = follower.belief(when)
         position, rotation = _errors(belief, truth)
         P = belief.marginal(0)
-        nees = [
-            e @ np.linalg.solve(P[block, block], e) / 3.0
+        nees_position, nees_rotation = (
+            float(e @ np.linalg.solve(P[block, block], e)) / 3.0
             for e, block in ((position, ERR_POSITION), (rotation, ERR_ROTATION))
-        ]
+        )
         velocity = float(np.linalg.norm(belief.mean[0, VELOCITY] - truth[VELOCITY]))
-        ahead = [nan] * 4
-        later = when + AHEAD
-        target = int(np.argmin(np.abs(frames.times - later)))
-        if seen and later <= last + 1e-9 and n % ahead_every == 0 and n > 2:
-            duration = float(frames.times[target] - when)
+        ahead_position = ahead_log = ahead_inside_position = ahead_inside_rotation = ahead_rests = nan
+        target = int(np.argmin(np.abs(frames.times - when - AHEAD)))
+        if seen and n % ahead_every == 0 and n > 2:
+            duration = float(frames.times[target] - when) if when + AHEAD <= last else AHEAD
             there = follower.ahead(duration)
-            log, _ = _density(there, _pose(frames.truth[target]), np.zeros((6, 6)))
+            ahead_rests = float(np.linalg.norm(frames.truth[target, VELOCITY]) < _AT_REST)
+            ahead_log, _ = _density(there, _pose(frames.truth[target]), np.zeros((6, 6)))
             p, r = _errors(there, frames.truth[target])
             Q = there.marginal(0)
-            inside = [
+            ahead_inside_position, ahead_inside_rotation = (
                 float(e @ np.linalg.solve(Q[block, block], e) < _INSIDE_3)
                 for e, block in ((p, ERR_POSITION), (r, ERR_ROTATION))
-            ]
-            ahead = [float(np.linalg.norm(p)), log, *inside]
+            )
+            ahead_position = float(np.linalg.norm(p))
         yield Score(
             bool(frames.in_contact[n]),
             seen and unseen,
             follower.is_carried,
-            *nees,
+            nees_position,
+            nees_rotation,
             float(np.linalg.norm(position)),
             float(np.linalg.norm(rotation)),
             velocity,
             next_log,
             next_inside,
-            *ahead,
+            ahead_position,
+            ahead_log,
+            ahead_inside_position,
+            ahead_inside_rotation,
+            ahead_rests,
             rejected_outlier,
             rejected_good,
             seconds,

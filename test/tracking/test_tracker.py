@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 from tracked_scenes import NOISE, SIDE, angle, belief_of, box, free_scene, measured, pose, table_scene
 
 from unc_physics import (
+    AxialSymmetry,
     BodyBelief,
     ContactNoise,
     Plane,
@@ -15,6 +16,7 @@ from unc_physics import (
     RelativePoseMeasurement,
     RigidBody,
     Scene,
+    Status,
     Touches,
     Tracker,
     TrackStatus,
@@ -440,6 +442,7 @@ def test_relative_poses_are_measurements():
         (lambda t: ContactNoise(velocity=-1.0), "velocity"),
         (lambda t: Tracker(t.scene, t.belief(), members=2), "members"),
         (lambda t: Tracker(t.scene, t.belief(), symmetries={"cup": [[0, 0, 0, 1]]}), "cup"),
+        (lambda t: AxialSymmetry([0.0, 0.0, 0.0]), "axis"),
     ],
 )
 def test_bad_input_names_field_and_value(call, words):
@@ -464,3 +467,125 @@ def test_contact_noise_is_for_contacts_alone():
         spreads.append(tracker.samples()[:, 0, 4].var(ddof=1))
     # the impulse per mass that carries the weight for a thirtieth of a second
     assert spreads[1] - spreads[0] == pytest.approx(0.1**2 * 9.81 / RATE, rel=0.5)
+
+
+def test_a_late_measurement_has_its_own_distance():
+    scene, rng = table_scene(), np.random.default_rng(17)
+    belief = belief_of(scene, box0={"position": RESTING[:3]})
+    far = measured(pose([0.01, 0.0, SIDE / 2]), rng)
+    others = {k: measured(RESTING, rng) for k in (1, 2, 4, 5)}
+    in_order, late = Tracker(scene, belief), Tracker(scene, belief)
+    for k in (1, 2):
+        in_order.correct(k / RATE, {"box0": others[k]})
+    expected = in_order.correct(3 / RATE, {"box0": far}).distance["box0"]
+    for k, one in others.items():
+        late.correct(k / RATE, {"box0": one})
+    report = late.correct(3 / RATE, {"box0": far})
+    assert report.replayed == 2
+    assert expected > 3.0
+    assert report.distance["box0"] == expected
+
+
+def test_a_prediction_does_not_blame_the_first_belief():
+    scene = table_scene()
+    deep = {"box0": {"position": [0.0, 0.0, -0.2], "orientation_std": 0.3}}
+    tracker = Tracker(scene, belief_of(scene, **deep))
+    assert tracker.ahead([0.1])["box0"].status().flags & Status.INITIAL_OVERLAP
+    rng = np.random.default_rng(18)
+    moved = pose([0.4, 0.0, SIDE / 2])
+    for k in range(1, 61):
+        tracker.correct(k / RATE, {"box0": measured(moved, rng)})
+    prediction = tracker.ahead([0.1])
+    assert not prediction["box0"].status().flags & Status.INITIAL_OVERLAP
+    assert prediction["box0"].position == pytest.approx(moved[:3], abs=3e-3)
+
+
+CAN = Rotation.from_rotvec([0.0, 0.5 * np.pi, 0.0])  # lies, its axis along x
+
+
+def test_a_can_is_followed_whatever_its_angle_about_its_axis():
+    can = load_model("can")
+    radius = float(can.bounds[1, 0])
+    scene = Scene.everyday([RigidBody("can", can, 0.3)], exact=True, environment=[Plane(name="table")])
+    lying = {"position": [0.0, 0.0, radius], "orientation": CAN.as_quat(), "orientation_std": 0.02}
+    rng, errors, spins = np.random.default_rng(19), [], []
+    tracker = Tracker(
+        scene,
+        belief_of(scene, can={**lying, "linear_velocity_std": 0.5, "angular_velocity_std": 5.0}),
+        symmetries={"can": AxialSymmetry(reversible=True)},
+    )
+    over = Rotation.from_rotvec([np.pi, 0.0, 0.0])
+    for k in range(1, 31):  # it rolls: the detector returns any angle about the axis, and either end
+        roll = Rotation.from_rotvec([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+        seen = CAN * roll * (over if rng.random() < 0.5 else Rotation.identity())
+        report = tracker.correct(
+            k / RATE, {"can": measured(pose([0.0, 0.3 * k / RATE, radius], seen.as_quat()), rng)}
+        )
+        assert report.rejected == ()
+        axis = Rotation.from_quat(tracker.belief().mean[0, 6:10]).apply([0.0, 0.0, 1.0])
+        errors.append(np.arccos(min(abs(axis[0]), 1.0)))
+        spins.append(tracker.belief().mean[0, 10])
+    assert max(errors) < 0.06
+    assert tracker.belief().mean[0, 4] == pytest.approx(0.3, abs=0.03)
+    assert spins[-1] == pytest.approx(-0.3 / radius, rel=0.15)  # contact tells what no pose shows
+
+
+def test_a_can_that_tumbles_in_the_air_starts_from_poses_alone():
+    can, times = load_model("can"), np.arange(12) / RATE
+    scene = Scene.everyday([RigidBody("can", can, 0.3)], exact=True, environment=[Plane(name="table")])
+    truth = flight([0.0, 0.0, 1.5], [0.5, 0.0, 1.0], [3.0, 0.0, 0.0], times)
+    rng = np.random.default_rng(20)
+    known = UNKNOWN | {"position": truth[0, :3]}
+    tracker = Tracker(scene, belief_of(scene, can=known), symmetries={"can": AxialSymmetry([0, 0, 2])})
+    for time, x in zip(times, truth, strict=True):
+        roll = Rotation.from_rotvec([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+        turned = (Rotation.from_quat(x[3:]) * roll).as_quat()
+        report = tracker.correct(time, {"can": measured(pose(x[:3], turned), rng)})
+        assert report.rejected == ()
+    assert report.status["can"] is TrackStatus.TRACKED
+    found = tracker.belief()
+    axes = [Rotation.from_quat(q).apply([0.0, 0.0, 1.0]) for q in (found.mean[0, 6:10], truth[-1, 3:])]
+    assert np.arccos(axes[0] @ axes[1]) < 0.05
+    # spin about x turns the axis, which poses show
+    assert found.mean[0, 10] == pytest.approx(3.0, abs=0.4)
+
+
+def test_two_alike_bodies_that_meet_are_not_swapped():
+    scene = table_scene(2, friction=0.3)
+    start = np.array([state(RESTING[:3], [0.8, 0.0, 0.0]), state([0.16, 0.01, SIDE / 2], [0.0, 0.0, 0.0])])
+    times = np.arange(1, 25) / RATE
+    truth, rng = simulated(scene, start, times), np.random.default_rng(21)
+    known = {f"box{k}": {"position": start[k, :3], "linear_velocity": start[k, 3:6]} for k in range(2)}
+    tracker = Tracker(scene, belief_of(scene, **known))
+    gaps = np.linalg.norm(truth[:, 0, :3] - truth[:, 1, :3], axis=1)
+    assert gaps.min() < SIDE + 3e-3
+    for n, (time, x) in enumerate(zip(times, truth, strict=True)):
+        swapped = n % 6 == 5
+        seen = {f"box{k}": measured(x[1 - k if swapped else k], rng) for k in range(2)}
+        report = tracker.correct(time, seen)
+        assert (min(report.distance.values()) > 10.0) is swapped
+        assert np.linalg.norm(tracker.belief().mean[:, :3] - x[:, :3], axis=1).max() < 6e-3
+        assert TrackStatus.CARRIED not in report.status.values()
+
+
+def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it():
+    scene = table_scene(3, friction=0.3)
+    row = [0.0, SIDE + 0.05, 2.0 * SIDE + 0.06]  # the middle one is hidden by the others
+    start = np.array([state([x, 0.0, SIDE / 2], [1.2 * (k == 0), 0.0, 0.0]) for k, x in enumerate(row)])
+    times = np.arange(1, 25) / RATE
+    truth, rng = simulated(scene, start, times), np.random.default_rng(22)
+    known = {
+        f"box{k}": {"position": start[k, :3], "linear_velocity": start[k, 3:6], "linear_velocity_std": 0.1}
+        for k in range(3)
+    }
+    tracker, blind = (Tracker(scene, belief_of(scene, **known)) for _ in range(2))
+    for time, x in zip(times, truth, strict=True):
+        tracker.correct(time, {f"box{k}": measured(x[k], rng) for k in (0, 2)})
+    blind.predict(times[-1])
+    assert truth[-1, 1, 0] - row[1] > 0.02
+    found, other = tracker.belief(), blind.belief()
+    error = found.mean[1, :3] - truth[-1, 1, :3]
+    P = found.marginal(1)[:3, :3]
+    assert error @ np.linalg.solve(P, error) < 16.3  # 99.9 %
+    assert np.sqrt(P[0, 0]) < 0.6 * np.sqrt(other.marginal(1)[0, 0])
+    assert tracker.status("box1") in (TrackStatus.COASTING, TrackStatus.RESTING)

@@ -24,6 +24,7 @@ from .ensemble import Gates, Innovation
 from .measurements import Observation
 from .observation import POSE, constant_velocity, expectation, kalman_update
 from .observation import POSITION as POSITION_ONLY
+from .symmetry import NONE, Symmetry, folded
 
 #: Intensities of the white acceleration [m^2/s^3], [rad^2/s^3], fitted to tosses in flight and contact.
 ACCELERATION, ANGULAR_ACCELERATION = 3.0, 600.0
@@ -80,14 +81,20 @@ class Filter(NamedTuple):
         boxplus(self.mean, change, mean)
         return Filter(mean, P, self.time), Innovation(square, density, True)
 
-    @property
-    def knows_velocities(self) -> bool:
-        """Whether physics can begin with its velocities."""
-        variance = self.covariance.diagonal()
-        return bool(
-            variance[ERR_VELOCITY].max() < KNOWN_VELOCITY**2
-            and variance[ERR_ANGULAR_VELOCITY].max() < KNOWN_SPIN**2
-        )
+    def seen(
+        self, observation: Observation, reference: np.ndarray, hard: float, symmetry: Symmetry
+    ) -> tuple[Filter, Innovation]:
+        """Return the filter after a measurement of a body with a symmetry, and how both agreed."""
+        nearest = folded(symmetry, observation, self.mean, reference)
+        found, innovation = self.corrected(nearest, reference, hard)
+        return found._replace(covariance=symmetry.without_angle(found.covariance)), innovation
+
+    def knows_velocities(self, symmetry: Symmetry) -> bool:
+        """Return whether physics can begin with its velocities, as far as poses tell them."""
+        seen = symmetry.seen_spin(self.mean[QUATERNION])
+        spin = seen @ self.covariance[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] @ seen
+        variance = self.covariance.diagonal()[ERR_VELOCITY]
+        return bool(variance.max() < KNOWN_VELOCITY**2 and spin.diagonal().max() < KNOWN_SPIN**2)
 
 
 class Track(NamedTuple):
@@ -125,7 +132,13 @@ class Track(NamedTuple):
     distance: float = np.nan
 
     def seen(
-        self, time: float, observation: Observation, reference: np.ndarray, physics: Innovation, gates: Gates
+        self,
+        time: float,
+        observation: Observation,
+        reference: np.ndarray,
+        physics: Innovation,
+        gates: Gates,
+        symmetry: Symmetry = NONE,
     ) -> Track:
         """Return the track after a measurement.
 
@@ -139,13 +152,15 @@ class Track(NamedTuple):
         physics : Innovation
             How the members agreed with it.
         gates : Gates
+        symmetry : Symmetry, optional
+            Of the body.
         """
-        free, alone = self.free.at(time).corrected(observation, reference, gates.hard)
+        free, alone = self.free.at(time).seen(observation, reference, gates.hard, symmetry)
         by_physics = self.mode is TrackMode.PHYSICS
         used = physics if by_physics else alone
         track = self._replace(free=free, distance=float(np.sqrt(used.square)))
         if not (alone.accepted or (by_physics and physics.accepted)):
-            return track._after_rejection(time, observation, reference, gates)
+            return track._after_rejection(time, observation, reference, gates, symmetry)
         track = track._replace(rejected=0, candidate=None, agreeing=0, last_seen=time)
         if self.mode is TrackMode.STARTING:
             return track._replace(first=track.first or free)
@@ -164,11 +179,11 @@ class Track(NamedTuple):
             return self._replace(mode=TrackMode.PHYSICS, evidence=0.0)
         return self._replace(evidence=evidence)
 
-    def _after_rejection(self, time, observation, reference, gates):
+    def _after_rejection(self, time, observation, reference, gates, symmetry):
         """The track after a measurement that nothing explains: three of them that agree begin it anew."""
         candidate, agreeing = self.candidate, self.agreeing
         if candidate is not None:
-            candidate, found = candidate.at(time).corrected(observation, reference, gates.soft)
+            candidate, found = candidate.at(time).seen(observation, reference, gates.soft, symmetry)
             agreeing = agreeing + 1 if found.accepted else 0
         if candidate is None or not agreeing:
             candidate, agreeing = _begun(self.free, time, observation, reference), 1

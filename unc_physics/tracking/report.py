@@ -44,13 +44,13 @@ class Correction:
         Of the measurements [s].
     distance : mapping of str to float
         Mahalanobis distance of each body's measurement from its prediction; the square is on average the
-        number of its dimensions.
+        number of its dimensions. A late measurement is compared with the prediction for its own time.
     rejected : tuple of str
         Bodies whose measurement was too far from its prediction, and had no effect.
     carried, lost : tuple of str
-        Bodies that are carried, or lost (`TrackStatus`).
+        Bodies that are carried, or lost (`TrackStatus`), after the newest measurement.
     status : mapping of str to TrackStatus
-        Of all moving bodies.
+        Of all moving bodies, after the newest measurement.
     too_late : bool
         Whether the measurements were older than the tracker's window, and had no effect.
     replayed : int

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 
 from ..checks.errors import DivergedError, InvalidRequestError, NotSupportedError
 from ..checks.names import hint
-from ..checks.validation import array, instance, integer, number, positive, quaternion
+from ..checks.validation import instance, integer, number, positive
 from ..compiler.compile_time import clock
 from ..dynamics import contact_history as histories
+from ..dynamics.contact_history import InitialAdjustment
 from ..prediction.prediction import Prediction
 from ..prediction.request_checks import check_supported, marks_of
 from ..prediction.snapshot import Snapshot
@@ -36,7 +37,6 @@ from ..spatial.layout import (
     ERR_ROTATION,
     ERR_VELOCITY,
     ERROR,
-    QUATERNION,
     VELOCITY,
 )
 from ..spatial.moments import mean_and_errors, second_moment, spread_states, symmetric_root
@@ -45,8 +45,9 @@ from .hypotheses import Filter, Track, TrackMode
 from .measurements import Measurement, PoseMeasurement, PositionMeasurement
 from .measurements import RelativePoseMeasurement as Relative
 from .noise import ContactNoise, add_contact_noise, whitened, whitened_draws
-from .observation import POSE, RELATIVE_POSE, constant_velocity
+from .observation import constant_velocity
 from .report import Correction, TrackStatus
+from .symmetry import NONE, AxialSymmetry, checked_symmetries, folded
 
 #: Longest time that rollouts go without contact noise [s].
 _PIECE = 1.0 / 30.0
@@ -117,9 +118,11 @@ class Tracker:
         Of all draws. The same calls with the same seed have the same results, to the last bit.
     gates : Gates, optional
         Squared Mahalanobis distances above which measurements have less effect, and none.
-    symmetries : mapping of str to (K, 4) array_like, optional
-        Rotations, as quaternions (x, y, z, w) in the body frame, after which a body looks as before. A
-        measured pose is replaced by its equivalent that is nearest to the expected one.
+    symmetries : mapping of str to AxialSymmetry or (K, 4) array_like, optional
+        An axis about which a body looks the same at every angle; or rotations, as quaternions (x, y, z, w) in
+        the body frame, after which it looks as before. A measured pose is replaced by its equivalent that is
+        nearest to the expected one. An angle about an axis of symmetry is never corrected: it is arbitrary in
+        the answers.
 
     Raises
     ------
@@ -140,7 +143,7 @@ class Tracker:
         time: float = 0.0,
         seed: int = 0,
         gates: Gates = Gates(),  # noqa: B008 - it is frozen
-        symmetries: Mapping[str, ArrayLike] | None = None,
+        symmetries: Mapping[str, AxialSymmetry | ArrayLike] | None = None,
     ):
         instance(scene, Scene, "scene")
         instance(belief, Belief, "belief")
@@ -155,10 +158,12 @@ class Tracker:
         scene = with_stiffness(scene, belief.mean)
         if scene.integrator == "implicit":
             scene = replace(scene, sleep=True, islands=False)
-        self._symmetries = _checked_symmetries(symmetries or {}, scene)
+        self._symmetries = checked_symmetries(symmetries or {}, scene)
         belief = constrain_belief(scene, belief)
         tracks = tuple(
-            _new_track(belief.mean[body], P, self._origin)
+            _new_track(
+                belief.mean[body], P, self._origin, self._symmetries.get(scene.bodies[body].name, NONE)
+            )
             for body, P in zip(belief.moving, belief.blocks, strict=True)
         )
         carry = self._start(scene, belief, tracks)
@@ -206,7 +211,7 @@ class Tracker:
         names = [body.name for body in self._scene.bodies]
         given = {name: measurements[name] for name in names if name in measurements}
         if time < self._history[0].time - _SAME_TIME:
-            return self._report(time, (), (), too_late=True)
+            return self._report(time, (), None)
         place = max(k for k, entry in enumerate(self._history) if entry.time <= time + _SAME_TIME)
         entry = _Entry(time, given, self._history[place].state)
         self._history.insert(place + 1, entry)
@@ -214,7 +219,7 @@ class Tracker:
         self._replay(place + 1)
         replayed = len(self._history) - 1 - self._history.index(entry)
         self._forget_old()
-        return self._report(time, tuple(given), entry.rejected, replayed=replayed)
+        return self._report(time, tuple(given), entry, replayed=replayed)
 
     def predict(self, time: float) -> None:
         """Advance to a time, without measurements.
@@ -308,7 +313,9 @@ class Tracker:
         other._symmetries = dict(self._symmetries)
         return other
 
-    def add(self, body: RigidBody, belief: BodyBelief) -> None:
+    def add(
+        self, body: RigidBody, belief: BodyBelief, symmetry: AxialSymmetry | ArrayLike | None = None
+    ) -> None:
         """Add a body at the tracker's time; measurements from before it no longer count.
 
         Parameters
@@ -317,6 +324,8 @@ class Tracker:
         belief : BodyBelief
             About the body at the tracker's time; no velocities are known where their standard deviations are
             large.
+        symmetry : AxialSymmetry or (K, 4) array_like, optional
+            As those of the tracker's ``symmetries``.
         """
         instance(body, RigidBody, "body")
         instance(belief, BodyBelief, "belief")
@@ -325,6 +334,7 @@ class Tracker:
         _check_tracked(scene, self._propagator)
         if len(scene.uncertain) != len(old.uncertain):
             raise NotSupportedError("must have no uncertain parameters when it is added", field="body")
+        symmetries = {} if symmetry is None else checked_symmetries({body.name: symmetry}, scene)
         known = belief.at_center_of_mass(body.model.origin)
         count, index = self._propagator.samples, len(old.bodies)
         states = np.concatenate([state.carry.states, np.tile(known.state, (count, 1, 1))], axis=1)
@@ -340,10 +350,14 @@ class Tracker:
         carry = state.carry._replace(states=states, contact_history=history)
         share, tracks, tied = np.append(state.contact_share, 0.0), state.tracks, state.tied
         if scene.bodies[-1].free:
-            tracks = (*tracks, _new_track(known.state, known.covariance, self._time))
+            tracks = (
+                *tracks,
+                _new_track(known.state, known.covariance, self._time, symmetries.get(body.name, NONE)),
+            )
             tied = np.pad(tied, (0, 1))
             tied[-1, -1] = True
         self._set_scene(scene)
+        self._symmetries |= symmetries
         state = State(carry, share, tracks, tied)
         if scene.bodies[-1].free:
             state = self._redrawn(state, len(tracks) - 1, Filter(known.state, known.covariance, self._time))
@@ -475,15 +489,15 @@ class Tracker:
         scene, moving = self._scene, self._scene.moving
         names = {body.name: index for index, body in enumerate(scene.bodies)}
         delay = self._delay(state, entry.time)
+        state = self._aligned(state, [names[name] for name in entry.measurements])
         mean = self._answer_mean(state, entry.time)
         seen, observations = [], []
         for name, measurement in entry.measurements.items():
             body = names[name]
             reference = body if measurement.reference is None else names[measurement.reference]
-            observation = self._folded(
-                name, measurement.observation(scene.bodies[body]), mean, body, reference
-            )
+            observation = measurement.observation(scene.bodies[body])
             seen.append((body, reference, observation))
+            observation = folded(self._symmetry(body), observation, mean[body], mean[reference])
             shape = self._noise.shape_variance(state.contact_share[body])[: len(observation.noise)]
             noisy = observation._replace(noise=observation.noise + np.diag(shape))
             observations.append(BodyObservation(body, noisy, reference, delay))
@@ -501,14 +515,19 @@ class Tracker:
         places = {int(body): place for place, body in enumerate(moving)}
         for (body, reference, observation), physics in zip(seen, result.innovations, strict=True):
             place = places[body]
-            track = tracks[place].seen(entry.time, observation, mean[reference], physics, self._gates)
+            track = tracks[place].seen(
+                entry.time, observation, mean[reference], physics, self._gates, self._symmetry(body)
+            )
             tracks[place] = track
             state = state._replace(tracks=tuple(tracks))
             if track.last_seen < entry.time:
                 rejected.append(scene.bodies[body].name)
                 continue
+            if physics.accepted:
+                history = _begun_anew(state.carry.contact_history, body)
+                state = state._replace(carry=state.carry._replace(contact_history=history))
             if track.mode is TrackMode.STARTING:
-                if track.free.knows_velocities:
+                if track.free.knows_velocities(self._symmetry(body)):
                     restart = self._started(k, state, place, entry.time)
                     if restart is not None:
                         return restart
@@ -570,7 +589,7 @@ class Tracker:
         drawn = whitened_draws(free.mean, symmetric_root(covariance), len(carry.states), rng)
         states = carry.states.copy()
         states[:, body] = drawn[:, 0]
-        history = histories.renewed(carry.contact_history, [body])
+        history, depth = histories.renewed(carry.contact_history, [body]), None
         if mode is not TrackMode.STARTING and scene.integrator == "implicit" and scene.overlap == "project":
             mean, _ = mean_and_errors(states, scene.moving)
             blocks = np.zeros((len(scene.moving), ERROR, ERROR))
@@ -578,6 +597,8 @@ class Tracker:
             around = Belief.trusted(mean, blocks, scene.moving)
             states, kept = move_out_of_overlap(scene, around, states, [body])
             history = histories.with_kept_overlap(history, kept, [body])
+            depth = np.maximum(kept[:, body].max(axis=1), kept[:, :, body].max(axis=1))
+        history = _begun_anew(history, body, depth)
         return state._replace(carry=carry._replace(states=states, contact_history=history))
 
     def _groups(self, state):
@@ -592,19 +613,15 @@ class Tracker:
                 groups[groups == groups[b]] = groups[a]
         return groups
 
-    def _folded(self, name, observation, mean, body, reference):
-        """An observation whose rotation is the equivalent one nearest to the expected one."""
-        if name not in self._symmetries or observation.kind not in (POSE, RELATIVE_POSE):
-            return observation
-        expected = mean[body, QUATERNION]
-        if observation.kind == RELATIVE_POSE:
-            expected = _product(_conjugate(mean[reference, QUATERNION]), expected)
-        equivalents = _product(observation.value[3:], self._symmetries[name])
-        best = equivalents[np.argmax(np.abs(equivalents @ expected))]
-        value = observation.value.copy()
-        value[3:] = best
-        # the noise is about the body's axes, which the symmetry has turned
-        return observation._replace(value=value)
+    def _symmetry(self, body):
+        return self._symmetries.get(self._scene.bodies[body].name, NONE)
+
+    def _aligned(self, state, bodies):
+        """The state whose members have the same angle about the axes of symmetry of some bodies."""
+        states = state.carry.states
+        for body in bodies:
+            states = self._symmetry(body).aligned(states, body)
+        return state._replace(carry=state.carry._replace(states=states))
 
     # -- answers -----------------------------------------------------------------------------------
 
@@ -676,21 +693,22 @@ class Tracker:
             found[scene.bodies[body].name] = status
         return found
 
-    def _report(self, time, measured, rejected, *, too_late=False, replayed=0):
-        state = self._history[-1].state
-        statuses = self._statuses(state, self._history[-1].time)
+    def _report(self, time, measured, entry, replayed=0):
+        """The report of an entry, None if it was too late; statuses are those of now."""
+        statuses = self._statuses(self._history[-1].state, self._history[-1].time)
+        tracks = () if entry is None else entry.state.tracks
         distances = {
             self._scene.bodies[body].name: track.distance
-            for body, track in zip(self._scene.moving, state.tracks, strict=True)
+            for body, track in zip(self._scene.moving, tracks, strict=entry is not None)
         }
         return Correction(
             time,
             {name: distances[name] for name in measured},
-            rejected,
+            () if entry is None else entry.rejected,
             tuple(name for name, status in statuses.items() if status is TrackStatus.CARRIED),
             tuple(name for name, status in statuses.items() if status is TrackStatus.LOST),
             statuses,
-            too_late,
+            entry is None,
             replayed,
         )
 
@@ -744,10 +762,10 @@ class Tracker:
                 )
 
 
-def _new_track(mean, covariance, time):
+def _new_track(mean, covariance, time, symmetry):
     """The track of a body that begins with a belief."""
     free = Filter(np.array(mean), np.array(covariance), time)
-    return Track(TrackMode.PHYSICS if free.knows_velocities else TrackMode.STARTING, free)
+    return Track(TrackMode.PHYSICS if free.knows_velocities(symmetry) else TrackMode.STARTING, free)
 
 
 def _check_tracked(scene, propagator):
@@ -760,30 +778,15 @@ def _check_tracked(scene, propagator):
         raise NotSupportedError("must be 'project' or 'keep' in a tracker", field="overlap", value="reject")
 
 
-def _checked_symmetries(symmetries, scene):
-    """Quaternions (K, 4) of each symmetric body, the identity among them."""
-    names, found = [body.name for body in scene.bodies], {}
-    for name, rotations in symmetries.items():
-        if name not in names:
-            raise InvalidRequestError(
-                f"is no body of the scene{hint(str(name), names)}", field="symmetries", value=name
-            )
-        field = f"symmetries['{name}']"
-        rotations = np.asarray(rotations, float)
-        rotations = array(rotations, (len(rotations), 4), field)
-        checked = [quaternion(q, f"{field}[{k}]") for k, q in enumerate(rotations)]
-        found[name] = np.array([[0.0, 0.0, 0.0, 1.0], *checked])
-    return found
-
-
-def _conjugate(q):
-    return np.array([-q[0], -q[1], -q[2], q[3]])
-
-
-def _product(a, b):
-    """Hamilton products of a quaternion (4,) and quaternions (..., 4)."""
-    v, w = b[..., :3], b[..., 3:]
-    return np.concatenate(
-        [a[3] * v + w * a[:3] + np.cross(a[:3], v), a[3] * w - np.sum(a[:3] * v, axis=-1, keepdims=True)],
-        axis=-1,
-    )
+def _begun_anew(history, body, kept=None):
+    """The history that says of a body's start what holds since a measurement: how deep (N,) it overlaps
+    without a force, by default as before. What the first belief needed says nothing of this one.
+    """
+    if history.start is None:
+        return history
+    start = InitialAdjustment(*map(np.copy, history.start))
+    kept = start.kept[:, body].copy() if kept is None else kept
+    for values in start:
+        values[:, body] = 0.0
+    start.kept[:, body] = kept
+    return history._replace(start=start)

@@ -1,0 +1,197 @@
+"""Symmetries of models: rotations after which a body looks as before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..checks.array_field import Array, array_field
+from ..checks.errors import InvalidRequestError
+from ..checks.names import hint
+from ..checks.validation import array, quaternion
+from ..scene.scene import Scene
+from ..spatial.layout import QUATERNION
+from ..spatial.moments import mean_and_errors
+from ..spatial.rotation import rotation_matrix
+from .measurements import Observation
+from .observation import POSITION, RELATIVE_POSE
+
+#: Standard deviation that an orientation about an axis of symmetry is measured with [rad]: it is unknown.
+_UNSEEN = 10.0
+_IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class AxialSymmetry:
+    """Symmetry of a can or a bottle: it looks the same at every angle about an axis.
+
+    Attributes
+    ----------
+    axis : (3,) array
+        Through the centre of mass, body axes. Its length does not matter.
+    reversible : bool
+        Whether the body also looks the same upside down, as a can without a label.
+
+    Raises
+    ------
+    InvalidRequestError, NotFiniteError
+        For an axis of length 0, wrong shapes, and NaN or infinity.
+    """
+
+    axis: Array = array_field((0.0, 0.0, 1.0))
+    reversible: bool = False
+
+    def __post_init__(self):
+        axis = array(self.axis, (3,), "axis")
+        length = float(np.linalg.norm(axis))
+        if not length > 0.0:
+            raise InvalidRequestError("must have a direction", field="axis", value=axis.tolist())
+        object.__setattr__(self, "axis", axis / length)
+
+
+class Symmetry(NamedTuple):
+    """A checked symmetry.
+
+    Attributes
+    ----------
+    rotations : (K, 4) array
+        Discrete ones, the identity among them.
+    axis : (3,) array or None
+        Unit axis about which all angles look alike.
+    """
+
+    rotations: np.ndarray
+    axis: np.ndarray | None
+
+    def folded(self, observation: Observation, expected: np.ndarray) -> Observation:
+        """Return the equivalent observation whose rotation is nearest to the expected one.
+
+        Parameters
+        ----------
+        observation : Observation
+            Of a pose.
+        expected : (4,) array
+            Quaternion, in the frame of the observation.
+        """
+        turns, axis = self.rotations, self.axis
+        if axis is not None:  # each discrete rotation, then that about the axis which comes nearest
+            between = _product(_conjugate(expected), _product(observation.value[3:], turns))
+            turns = _products(turns, _inverses(_about(axis, between)))
+        equivalents = _product(observation.value[3:], turns)
+        best = int(np.argmax(np.abs(equivalents @ expected)))
+        value, noise = observation.value.copy(), observation.noise.copy()
+        value[3:] = equivalents[best]
+        # errors are about the body's axes, which the symmetry has turned
+        back = rotation_matrix(turns[best]).T
+        noise[3:] = back @ noise[3:]
+        noise[:, 3:] = noise[:, 3:] @ back.T
+        if axis is not None:
+            noise[3:, 3:] += _UNSEEN**2 * np.outer(axis, axis)
+        return observation._replace(value=value, noise=noise)
+
+    def aligned(self, states: np.ndarray, body: int) -> np.ndarray:
+        """Return states (N, B, 13) with a body turned about its axis until it is as near as it can be to the
+        mean; its velocities stay. Without an axis nothing changes.
+
+        Only equivalent states can be told apart by these angles, and no mean of rotations is defined for
+        angles all around.
+        """
+        if self.axis is None:
+            return states
+        mean = states[0, body, QUATERNION]
+        states = states.copy()
+        for _ in range(2):  # about the first member, then about the mean
+            q = states[:, body, QUATERNION]
+            turns = _about(self.axis, _product(_conjugate(mean), q))
+            states[:, body, QUATERNION] = _products(q, _inverses(turns))
+            mean = mean_and_errors(states, np.array([body]))[0][body, QUATERNION]
+        return states
+
+    def without_angle(self, covariance: np.ndarray) -> np.ndarray:
+        """Return a covariance (12, 12) in which the angle about the axis is certain: it means nothing."""
+        if self.axis is None:
+            return covariance
+        across = np.eye(12)
+        across[6:9, 6:9] -= np.outer(self.axis, self.axis)
+        return across @ covariance @ across
+
+    def seen_spin(self, quaternion_: np.ndarray) -> np.ndarray:
+        """(3, 3): the projection of angular velocities, world axes, on what poses tell of them."""
+        if self.axis is None:
+            return np.eye(3)
+        axis = rotation_matrix(quaternion_) @ self.axis
+        return np.eye(3) - np.outer(axis, axis)
+
+
+#: That of a body that looks different from every side.
+NONE = Symmetry(_IDENTITY[None], None)
+
+
+def checked_symmetries(
+    symmetries: Mapping[str, ArrayLike | AxialSymmetry], scene: Scene
+) -> dict[str, Symmetry]:
+    """Return the symmetry of each body that has one."""
+    names, found = [body.name for body in scene.bodies], {}
+    for name, given in symmetries.items():
+        if name not in names:
+            raise InvalidRequestError(
+                f"is no body of the scene{hint(str(name), names)}", field="symmetries", value=name
+            )
+        if isinstance(given, AxialSymmetry):
+            across = np.cross(given.axis, np.eye(3)[np.argmin(np.abs(given.axis))])
+            over = np.append(across / np.linalg.norm(across), 0.0)
+            rotations = [_IDENTITY, over] if given.reversible else [_IDENTITY]
+            found[name] = Symmetry(np.array(rotations), given.axis)
+            continue
+        field = f"symmetries['{name}']"
+        rotations = np.asarray(given, float)
+        rotations = array(rotations, (len(rotations), 4), field)
+        checked = [quaternion(q, f"{field}[{k}]") for k, q in enumerate(rotations)]
+        found[name] = Symmetry(np.array([_IDENTITY, *checked]), None)
+    return found
+
+
+def folded(
+    symmetry: Symmetry, observation: Observation, body: np.ndarray, reference: np.ndarray
+) -> Observation:
+    """Return the equivalent observation nearest to the expected states (13,) of a body and its reference."""
+    if symmetry is NONE or observation.kind == POSITION:
+        return observation
+    expected = body[QUATERNION]
+    if observation.kind == RELATIVE_POSE:
+        expected = _product(_conjugate(reference[QUATERNION]), expected)
+    return symmetry.folded(observation, expected)
+
+
+def _about(axis, turns):
+    """The parts (..., 4) about an axis of rotations (..., 4), which are otherwise about axes across it."""
+    along, w = turns[..., :3] @ axis, turns[..., 3]
+    size = np.hypot(along, w)
+    along, w = np.where(size > 0.0, along, 0.0), np.where(size > 0.0, w, 1.0)
+    size = np.where(size > 0.0, size, 1.0)
+    return np.concatenate([(along / size)[..., None] * axis, (w / size)[..., None]], axis=-1)
+
+
+def _inverses(q):
+    return q * np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+def _conjugate(q):
+    return np.array([-q[0], -q[1], -q[2], q[3]])
+
+
+def _product(a, b):
+    """Hamilton products of a quaternion (4,) and quaternions (..., 4)."""
+    return _products(np.broadcast_to(a, np.shape(b)), b)
+
+
+def _products(a, b):
+    """Hamilton products of quaternions (..., 4)."""
+    v, w, s, t = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
+    return np.concatenate(
+        [w * s + t * v + np.cross(v, s), w * t - np.sum(v * s, axis=-1, keepdims=True)], axis=-1
+    )
