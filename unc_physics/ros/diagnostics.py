@@ -19,6 +19,44 @@ _PERIOD = 1.0  # s
 _WINDOW = 10.0  # s
 
 
+class TrackingCounts:
+    """Counters of the tracker."""
+
+    def __init__(self):
+        self._lock = threading.Lock()
+        self._warned = "", -_WINDOW
+        self._values: dict[str, float] = {
+            "objects": 0,
+            "new objects": 0,
+            "observations": 0,
+            "rejected observations": 0,
+            "late observations": 0,
+            "observations beyond the window": 0,
+            "duplicate observations": 0,
+            "skipped observations": 0,
+            "dropped messages": 0,
+            "last delay [s]": 0.0,
+        }
+
+    def add(self, name: str, count: int = 1, warning: str = "") -> None:
+        """Add to a counter; a warning is published for a while."""
+        with self._lock:
+            self._values[name] += count
+            if warning and count:
+                self._warned = f"{name}: {warning}", time.monotonic()
+
+    def set(self, name: str, value: float) -> None:
+        """Set a value."""
+        with self._lock:
+            self._values[name] = value
+
+    def values(self) -> tuple[dict[str, float], str]:
+        """Return all values, and a recent warning."""
+        with self._lock:
+            text, when = self._warned
+            return dict(self._values), text if time.monotonic() - when < _WINDOW else ""
+
+
 class Diagnostics:
     """Counters of predictions and errors, published every second of real time."""
 
@@ -30,6 +68,7 @@ class Diagnostics:
         self._late = self._expired = 0
         self._warned = "", -_WINDOW
         self._computation_time = self._delay = 0.0
+        self._tracking: TrackingCounts | None = None
         self._last_error = ""
         self._error_time = -_WINDOW
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 1)
@@ -39,6 +78,11 @@ class Diagnostics:
         """Stop publishing."""
         self._node.destroy_timer(self._timer)
         self._node.destroy_publisher(self._publisher)
+
+    def track(self) -> TrackingCounts:
+        """Publish the status of the tracker, too; return its counters."""
+        self._tracking = TrackingCounts()
+        return self._tracking
 
     def predicted(self, prediction) -> None:
         """Count a prediction."""
@@ -114,23 +158,29 @@ class Diagnostics:
 
     def _publish(self):
         """Publish a status; it is a warning while the last error or delay is recent."""
-        values, warning = self._values()
         node = self._node
         # the name alone, as in diagnostic_updater, except in a namespace
         name = node.get_name() if node.get_namespace() == "/" else node.get_fully_qualified_name()
-        status = DiagnosticStatus(
-            name=f"{name}: predictions",
-            hardware_id="none",
-            level=DiagnosticStatus.WARN if warning else DiagnosticStatus.OK,
-            message=warning or "predicting",
-            values=[
-                KeyValue(key=key, value=f"{value:.6g}" if isinstance(value, float) else str(value))
-                for key, value in values.items()
-            ],
-        )
-        message = DiagnosticArray(status=[status])
+        statuses = [_status(f"{name}: predictions", *self._values(), "predicting")]
+        if self._tracking is not None:
+            statuses.append(_status(f"{name}: tracking", *self._tracking.values(), "tracking"))
+        message = DiagnosticArray(status=statuses)
         message.header.stamp = node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+
+def _status(name, values, warning, fine):
+    """Return a status, which is a warning if there is one."""
+    return DiagnosticStatus(
+        name=name,
+        hardware_id="none",
+        level=DiagnosticStatus.WARN if warning else DiagnosticStatus.OK,
+        message=warning or fine,
+        values=[
+            KeyValue(key=key, value=f"{value:.6g}" if isinstance(value, float) else str(value))
+            for key, value in values.items()
+        ],
+    )
 
 
 class LibraryLog(logging.Handler):

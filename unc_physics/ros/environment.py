@@ -42,6 +42,12 @@ class NodeEnvironment:
         self._lock = threading.Lock()
         self._given: list[Any] | None = None
         self._planned: list[Any] | None = None
+        self._version = 0
+
+    @property
+    def version(self) -> int:
+        """Number of times that it was set."""
+        return self._version
 
     @property
     def is_set(self) -> bool:
@@ -62,11 +68,13 @@ class NodeEnvironment:
         named = [_named(element, k) for k, element in enumerate(elements)]
         with self._lock:
             self._given = named
+            self._version += 1
 
     def set_planned(self, elements: Iterable[Any]) -> None:
         """Replace the elements of the planning scene."""
         with self._lock:
             self._planned = list(elements)
+            self._version += 1
 
     def load(self, path: str) -> None:
         """Replace the elements from users by those of a file (`load_environment`)."""

@@ -36,6 +36,10 @@ class MarkerTopic:
         """Withdraw the topic."""
         self._server.node.destroy_publisher(self._publisher)
 
+    def get_subscription_count(self) -> int:
+        """Return the number of subscribers."""
+        return self._publisher.get_subscription_count()
+
     def publish(self, header, job, answer) -> None:
         """Publish the markers of a prediction with the stamp of its start, as RViz hides future markers."""
         if self._publisher.get_subscription_count():

@@ -42,6 +42,10 @@ class OccupancyTopics:
         for publisher in self._publishers:
             self._server.node.destroy_publisher(publisher)
 
+    def get_subscription_count(self) -> int:
+        """Return the number of subscribers."""
+        return sum(publisher.get_subscription_count() for publisher in self._publishers)
+
     def publish(self, job, answer) -> None:
         """Publish the occupancy of a prediction."""
         wanted = [publisher for publisher in self._publishers if publisher.get_subscription_count()]

@@ -244,6 +244,51 @@ class Settings:
         1.0, "Mass of tracked and detected objects whose model gives none [kg].", low=1e-9, high=1e9
     )
 
+    track: bool = parameter(
+        False,
+        "Whether the node tracks the objects of ~/observations and ~/observed/ID: it keeps a belief about"
+        " them through contact and occlusion, publishes it on ~/tracked, and predicts from it.",
+        read_only=True,
+    )
+    observed_objects: tuple[str, ...] = parameter(
+        ("",),
+        "Ids of objects that are observed on topics of PoseWithCovarianceStamped, ~/observed/ID, with _ in"
+        " place of what a topic's name cannot hold.",
+        read_only=True,
+    )
+    observed_models: tuple[str, ...] = parameter(("",), "Model of each of those objects.", read_only=True)
+    association: str = parameter(
+        "id",
+        "How an observation finds its object: by the id, and by distance without one ('id'), or always by"
+        " distance among objects of its model ('distance'), which needs SciPy.",
+        choices=("id", "distance"),
+    )
+    association_distance: float = parameter(
+        0.2,
+        "Largest distance of an observation without an id from its object's expected position [m].",
+        low=0.0,
+        high=1e3,
+    )
+    forget_after: float = parameter(
+        30.0,
+        "How long an object stays known without accepted observations [s]; 0: for ever.",
+        low=0.0,
+        high=1e6,
+    )
+    tracking_window: float = parameter(
+        0.5, "How late observations may arrive [s].", low=1e-3, high=60.0, read_only=True
+    )
+    tracking_members: int = parameter(
+        64, "Number of rollouts of the tracker.", low=8, high=10_000, read_only=True
+    )
+    tracked_rate: float = parameter(
+        10.0,
+        "How often ~/tracked is published while no observations arrive [Hz].",
+        low=0.01,
+        high=1e3,
+        read_only=True,
+    )
+
     occupancy_probability: float = parameter(
         0.95,
         "Probability with which each box of ~/occupancy and ~/occupancy_scene contains its object.",
@@ -297,6 +342,12 @@ class Settings:
                 f"must name a model for each of the {len(self.tracked_topics)} tracked_topics",
                 field="tracked_models",
                 value=list(self.tracked_models),
+            )
+        if len(self.observed_objects) != len(self.observed_models):
+            raise InvalidOptionError(
+                f"must name a model for each of the {len(self.observed_objects)} observed_objects",
+                field="observed_models",
+                value=list(self.observed_models),
             )
         for name, topic in [
             *(("tracked_topics", topic) for topic in self.tracked_topics if topic),

@@ -22,6 +22,7 @@ from ..checks.shown import printable
 from ..compiler.refusal import CompilationRefused, refused_compilation
 from ..prediction import warm_up as core
 from ..prediction.prediction import Prediction
+from ..propagators.names import REFERENCE
 from .candidates import CandidatesService
 from .diagnostics import Diagnostics, LibraryLog
 from .environment import EnvironmentTopics, NodeEnvironment
@@ -34,6 +35,8 @@ from .models import ModelLibrary, ModelTopics
 from .parameters import ParameterServer
 from .services import CapabilitiesService, DeferredAnswerCheck, LongPrediction, prediction_service
 from .streams import Stream
+from .tracking import Tracking
+from .tracks import warm_up_tracker
 
 _INTERFACES = (
     ModelTopics,
@@ -41,7 +44,6 @@ _INTERFACES = (
     CapabilitiesService,
     CandidatesService,
     LongPrediction,
-    Stream,
     prediction_service,
 )
 # upper limit; predictions run in numba's threads, these mostly wait, for example for a transform
@@ -101,6 +103,8 @@ class PredictionServer:
             " the very first start; services are advertised after that"
         )
         _warm_up(self.settings, self._log_warm)
+        if self.settings.track:
+            core.warm_up((REFERENCE,), _physics(self.settings), warm_up_tracker)
         self.log.info(
             f"warmed up in {time.perf_counter() - started:.1f} s; models:"
             f" {', '.join(self.library.paths) or 'none'}"
@@ -123,6 +127,10 @@ class PredictionServer:
             self._open = [self.deferred_answers, self.diagnostics, self.markers]
             for interface in _INTERFACES:
                 self._open.append(interface(self))
+            stream = Stream(self)
+            self._open.append(stream)
+            if self.settings.track:
+                self._open.append(Tracking(self, stream))
         self._warn_misspelt()
         self.log.info("ready")
 
@@ -288,4 +296,8 @@ def _warm_up(settings, done: Callable[[str, float], object]) -> None:
         begun, before = time.perf_counter(), begun
         done(propagator.name, begun - before)
 
-    core.warm_up(filter(None, settings.warm_up), settings.physics | {"stiffness": settings.stiffness}, answer)
+    core.warm_up(filter(None, settings.warm_up), _physics(settings), answer)
+
+
+def _physics(settings):
+    return settings.physics | {"stiffness": settings.stiffness}

@@ -236,7 +236,8 @@ class CapabilitiesService:
         response.propagators = [propagator_info(cls) for cls in PROPAGATORS.values()]
         response.default_propagator = settings.default_propagator
         response.world_frame = settings.world_frame
-        response.features = [*_FEATURES, *(["transforms"] if self._server.frames.available else [])]
+        optional = {"transforms": self._server.frames.available, "tracking": settings.track}
+        response.features = [*_FEATURES, *(name for name, is_there in optional.items() if is_there)]
         for name in response.get_fields_and_field_types():
             if name.startswith("max_"):
                 limit = getattr(settings, name)

@@ -91,6 +91,14 @@ class Stream:
             node, server.parameters, server.library, server.frames, self._work, server.diagnostics.replaced
         )
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether anybody receives predictions."""
+        settings = self._server.settings
+        topics = self._predictions, self._markers, self._occupancy
+        own = any(topic.get_subscription_count() for topic in topics)
+        return own or settings.publish_tf or any(settings.pose_objects)
+
     def close(self):
         """Withdraw the topics."""
         node = self._server.node
@@ -140,7 +148,9 @@ class Stream:
                 message.header.stamp, message.header.frame_id = header.stamp, settings.world_frame
                 message.skipped = [KeyValue(key=name, value=reason) for name, reason in skipped.items()]
             if not self._is_over(header.stamp):
-                self._publish(message, job, limit, time.perf_counter() - began)
+                self.publish(message, job)
+                if limit is not None and (took := time.perf_counter() - began) > limit:
+                    server.diagnostics.late(took, limit)
         if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
             self._warn(f"a scene was not predicted: {result.error_msg}")
 
@@ -162,7 +172,8 @@ class Stream:
             times=sorted(set(settings.horizons))[:-1], propagator=streamed.pace.adapted(job.propagator, limit)
         )
 
-    def _publish(self, message, job, limit, took):
+    def publish(self, message, job) -> None:
+        """Publish a prediction, with poses, markers and occupancy; ``job`` is None if it is empty."""
         server, settings = self._server, self._server.settings
         self._predictions.publish(message)
         if job is not None:
@@ -174,8 +185,6 @@ class Stream:
             self._warn(f"object '{skipped.key}' was left out: {skipped.value}")
         if (delay := stamp_age(server.node, message.header.stamp)) is not None:
             server.diagnostics.delayed(delay)
-        if limit is not None and took > limit:
-            server.diagnostics.late(took, limit)
 
     def _is_over(self, stamp):
         """Return whether the last horizon has passed, and record it."""

@@ -1,4 +1,4 @@
-"""Predicted poses on tf."""
+"""Predicted and tracked poses on tf."""
 
 from __future__ import annotations
 
@@ -8,15 +8,22 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovariance, TransformStamped, Vector3
 from std_msgs.msg import Header
 
-#: End of the names of frames of predicted objects, after the object's id.
-SUFFIX = "_predicted"
+#: End of the names of frames of predicted and of tracked objects, after the object's id.
+PREDICTED, TRACKED = "_predicted", "_tracked"
 
 
 class TransformTopic:
-    """Publisher of predicted poses as transforms, made when it is first needed; needs tf2_msgs."""
+    """Publisher of poses as transforms, made when it is first needed; needs tf2_msgs.
 
-    def __init__(self, server):
-        self._server = server
+    Parameters
+    ----------
+    server : PredictionServer
+    suffix : str
+        End of the frames' names, after the object's id.
+    """
+
+    def __init__(self, server, suffix: str = PREDICTED):
+        self._server, self._suffix = server, suffix
         self._publisher: Any = None
         self._missing = False
 
@@ -37,14 +44,16 @@ class TransformTopic:
             return
         if self._publisher is None:
             self._publisher = self._server.node.create_publisher(TFMessage, "/tf", 100)
-        self._publisher.publish(TFMessage(transforms=transforms(header, poses)))
+        self._publisher.publish(TFMessage(transforms=transforms(header, poses, self._suffix)))
 
 
-def transforms(header: Header, poses: Mapping[str, PoseWithCovariance]) -> list[TransformStamped]:
-    """Return the transforms from the header's frame to the predicted objects, with the header's stamp."""
+def transforms(
+    header: Header, poses: Mapping[str, PoseWithCovariance], suffix: str = PREDICTED
+) -> list[TransformStamped]:
+    """Return the transforms from the header's frame to objects, with the header's stamp."""
     found = []
     for name, pose in poses.items():
-        message = TransformStamped(header=header, child_frame_id=f"{name}{SUFFIX}")
+        message = TransformStamped(header=header, child_frame_id=f"{name}{suffix}")
         p = pose.pose.position
         message.transform.translation = Vector3(x=p.x, y=p.y, z=p.z)
         message.transform.rotation = pose.pose.orientation

@@ -184,7 +184,7 @@ def write_prediction(scene, models, times, beliefs, samples=None, outputs=MARGIN
         means, blocks, since = writable(belief.mean), writable(belief.blocks), duration(time)
         for b in range(len(objects)):
             state = PredictedState(time_from_start=since, status=PredictedObject.STATUS_NOT_ASSESSED)
-            P = _write_state(state, means[b], blocks[known[b]] if b in known else certain)
+            P = write_state(state, means[b], blocks[known[b]] if b in known else certain)
             if outputs.covariance:
                 state.covariance = packed(P)
             if samples is not None:
@@ -375,8 +375,11 @@ def _moved_mode(mode, offset):
     return gaussian_at_origins(gaussian, offset[None])
 
 
-def _write_state(message, mean, P):
-    """Write a body's mean (13,) and covariance (12, 12); return the covariance about fixed axes."""
+def write_state(message, mean, P):
+    """Write a body's mean (13,) and covariance (12, 12) into a message with ``pose`` and ``twist``.
+
+    Returns the covariance (12, 12) about fixed axes.
+    """
     state, P, message.pose.covariance, message.twist.covariance = _about_fixed_axes(mean, P)
     numbers, twist = state.tolist(), message.twist.twist
     _fill_pose(message.pose.pose, numbers)

@@ -235,7 +235,7 @@ def read_request(
         actions = [transform.action(action) for action in actions]
         regions = [transform.region(region) for region in regions]
     message = complete(message)
-    horizon = _horizon(request.horizon, settings)
+    horizon = read_horizon(request.horizon, settings)
     seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
     options = _options(request.propagator_options)
     name = _add_targets(options, request)
@@ -255,11 +255,11 @@ def read_request(
     )
     check_supported(read.scene, propagator)
     belief = at_field("scene", _with_common_error, read.belief, message, transform)
-    times = _times(request, horizon, read.scene, settings)
+    times = read_times(request, horizon, read.scene, settings)
     job = Job(
         read.scene,
         belief,
-        _regions(regions, settings),
+        limited_regions(regions, settings),
         read.models,
         propagator,
         horizon,
@@ -271,7 +271,7 @@ def read_request(
         read.zeros_replaced,
         read.skipped,
     )
-    _check_answer(job, settings)
+    check_answer(job, settings)
     return job
 
 
@@ -400,7 +400,8 @@ def _add_targets(options, request):
     return name
 
 
-def _regions(messages, settings):
+def limited_regions(messages, settings) -> tuple[BoxRegion, ...]:
+    """Return the regions of a request, of which the node allows ``max_regions``."""
     if len(messages) > settings.max_regions:
         raise LimitExceededError(
             f"must be at most {settings.max_regions}", field="regions", value=len(messages)
@@ -416,14 +417,15 @@ def _with_common_error(belief, message, transform):
     return belief.with_common_pose_std(message.common_pose_std, origin, axes)
 
 
-def _horizon(message, settings):
+def read_horizon(message, settings) -> float:
+    """Return a horizon [s], of at most ``max_horizon``."""
     horizon = positive(read_duration(message, "horizon", InvalidHorizonError), "horizon", InvalidHorizonError)
     if horizon > settings.max_horizon:
         raise LimitExceededError(f"must be at most {settings.max_horizon} s", field="horizon", value=horizon)
     return horizon
 
 
-def _times(request, horizon, scene, settings):
+def read_times(request, horizon: float, scene: Scene, settings) -> list[float] | None:
     """Return the requested times before the horizon; None if there are none."""
     steps = horizon / scene.dt
     if steps > settings.max_steps:
@@ -475,7 +477,7 @@ def _budget_limit(budget):
     return budget + max(_OVER_BUDGET * budget, _OVER_ANY_BUDGET)
 
 
-def _check_answer(job, settings):
+def check_answer(job: Job, settings) -> None:
     """Raise an error for an answer that the propagator does not have, or that is too large."""
     if job.outputs.joint_covariance and not job.propagator.traits.cross_body:
         raise NotSupportedError(

@@ -552,13 +552,13 @@ def _covariance(message, field, covariance_defaults, state, origin):
         place = f"{field}.covariance"
         C = _checked(array(message.covariance, (ERROR**2,), place, InvalidCovarianceError).tobytes(), place)
         return at_com(C, state, origin), False
-    P_pose, zero_pose = _known_covariance(
+    P_pose, zero_pose = known_covariance(
         message.pose_covariance,
         f"{field}.pose_covariance",
         covariance_defaults.pose,
         covariance_defaults.zero_is_exact,
     )
-    P_twist, zero_twist = _known_covariance(
+    P_twist, zero_twist = known_covariance(
         message.twist_covariance,
         f"{field}.twist_covariance",
         covariance_defaults.twist,
@@ -656,8 +656,24 @@ def _stds(message, field, mass):
     )
 
 
-def _known_covariance(values, field, unknown, zero_is_exact):
-    """Return the covariance (6, 6) or its default, and whether zeros were read as unknown."""
+def known_covariance(values, field, unknown, zero_is_exact):
+    """Return a pose's or twist's covariance (6, 6), and whether zeros were read as unknown.
+
+    Parameters
+    ----------
+    values : (36,) array
+        As in `ObjectBelief`.
+    field : str
+        Its name in error messages.
+    unknown : (6, 6) array
+        Replaces an unknown one.
+    zero_is_exact : bool
+        Whether zeros mean exact; otherwise they mean unknown.
+
+    Raises
+    ------
+    InvalidCovarianceError, NotFiniteError
+    """
     plain = isinstance(values, np.ndarray) and values.dtype == np.float64 and values.shape == (36,)
     P = _checked((values if plain else array(values, (36,), field, InvalidCovarianceError)).tobytes(), field)
     if P is None:

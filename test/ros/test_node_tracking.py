@@ -1,0 +1,357 @@
+"""The node's tracker over DDS: bad, late, lost, repeated and swapped observations, forks and paths."""
+
+import time
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped, Transform
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.qos import qos_profile_sensor_data
+from running import Client, Inbox, NodeProcess, wait_until
+from scenes import position_of
+from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
+
+from unc_physics.checks.errors import ErrorCode
+from unc_physics.ros.messages.fields import duration, seconds
+from unc_physics.ros.messages.tracking import nanoseconds
+from unc_physics_msgs.msg import Action, ActionArray, BoxRegion, ObjectState, Prediction, TrackedObjects
+from unc_physics_msgs.srv import Fork, Reset
+
+G, PERIOD, STD, TURN_STD = 9.81, 1.0 / 30.0, 0.002, 0.02
+HORIZONS = [0.1, 0.4]
+MODELS = {"box": "salt_box", "left/1": "can", "right": "can", "ghost": "no_such_model"}
+UNKNOWN_MODEL = "model is unknown"
+
+
+@pytest.fixture(scope="module")
+def node(tmp_path_factory):
+    table = tmp_path_factory.mktemp("environment") / "table.yaml"
+    table.write_text("environment:\n  - name: table\n    plane: {normal: [0, 0, 1], offset: 0.0}\n")
+    parameters = {
+        "track": True,
+        "observed_objects": list(MODELS),
+        "observed_models": list(MODELS.values()),
+        "environment": str(table),
+        "horizons": HORIZONS,
+        "warm_up": [""],
+        "max_input_age": 0.0,  # stamps do not depend on the machine
+        "max_input_lead": 0.0,
+        "tracked_rate": 0.01,
+        "tracking_members": 32,
+        "exact": True,
+    }
+    options = [part for name, value in parameters.items() for part in ("-p", f"{name}:={_yaml(value)}")]
+    with NodeProcess(*options, name="tracker") as process:
+        yield process
+
+
+def _yaml(value):
+    return str(value).replace("True", "true")
+
+
+@pytest.fixture(scope="module")
+def listener():
+    with Client() as made:
+        yield made
+
+
+class Camera:
+    """Observes objects whose states are known."""
+
+    def __init__(self, listener):
+        self._node, self._listener = listener.node, listener
+        self._publishers = {
+            name: self._node.create_publisher(
+                PoseWithCovarianceStamped,
+                f"/tracker/observed/{name.replace('/', '_')}",
+                qos_profile_sensor_data,
+            )
+            for name in MODELS
+        }
+        for publisher in self._publishers.values():
+            wait_until(lambda publisher=publisher: publisher.get_subscription_count() == 1)
+        self._inbox = Inbox(listener, TrackedObjects, "/tracker/tracked", 100)
+        wait_until(lambda: self._node.count_publishers("/tracker/tracked") == 1)
+        self._start = 1000.0
+
+    def begin(self):
+        """Forget all objects; later times."""
+        assert self._listener.call(Reset, "/tracker/reset", Reset.Request()).result.error_code == 0
+        self._start += 1000.0
+        self._inbox.all()
+
+    def stamp(self, t):
+        """The stamp of a time since `begin`."""
+        sec, nanosec = divmod(round(1e9 * (self._start + t)), 1_000_000_000)
+        return Time(sec=sec, nanosec=nanosec)
+
+    def send(self, t, name, position, frame="world", q=(0.0, 0.0, 0.0, 1.0)):
+        """Observe an object at a time."""
+        message = PoseWithCovarianceStamped()
+        message.header.stamp, message.header.frame_id = self.stamp(t), frame
+        pose = message.pose.pose
+        pose.position.x, pose.position.y, pose.position.z = map(float, position)
+        pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = q
+        message.pose.covariance = np.diag([STD**2] * 3 + [TURN_STD**2] * 3).ravel()
+        self._publishers[name].publish(message)
+
+    def next(self):
+        """What is published after one observation."""
+        return self._inbox.next()
+
+    def see(self, *observation, **others):
+        """What is published after one observation that is sent."""
+        self.send(*observation, **others)
+        return self.next()
+
+
+@pytest.fixture(scope="module")
+def camera(node, listener):
+    return Camera(listener)
+
+
+def fall(seed=0, count=10):
+    """Times and measured positions of a box that falls from half a metre."""
+    rng = np.random.default_rng(seed)
+    times = PERIOD * np.arange(count)
+    return [
+        (t, "box", (0.3 * t, 0.0, 0.5 - 0.5 * G * t**2) + STD * rng.standard_normal(3))
+        for t in times.tolist()
+    ]
+
+
+def numbers_of(message):
+    return [
+        np.r_[position_of(own.pose.pose), own.covariance, own.distance, own.rejections]
+        for own in message.objects
+    ]
+
+
+def test_a_falling_object_is_tracked(camera):
+    camera.begin()
+    found = [camera.see(*observation) for observation in fall()]
+    assert found[0].objects[0].status == found[0].objects[0].STATUS_STARTING
+    last, t = found[-1], 9 * PERIOD
+    (own,) = last.objects
+    assert (last.header.stamp, last.header.frame_id) == (camera.stamp(t), "world")
+    assert (own.id, own.model, own.status) == ("box", "salt_box", own.STATUS_TRACKED)
+    assert own.last_seen == last.header.stamp and own.rejections == 0
+    v, C = own.twist.twist.linear, np.reshape(own.twist.covariance, (6, 6))
+    std = np.sqrt(C.diagonal()[:3])
+    # ten positions with 2 mm determine a velocity in the middle to 22 mm/s
+    assert std[2] == pytest.approx(STD / PERIOD / np.sqrt(82.5), rel=0.5)
+    assert abs(v.z + G * t) < 4.0 * std[2] and abs(v.x - 0.3) < 4.0 * std[0]
+
+
+def test_order_and_repetition_of_observations_make_no_difference(camera):
+    sent = fall()
+    camera.begin()
+    in_order = [camera.see(*observation) for observation in sent][-1]
+    camera.begin()
+    order = [0, 1, 4, 2, 3, 3, 6, 5, 1, 8, 7, 9, 9]  # late, swapped in time, and repeated
+    disorder = [camera.see(*sent[k]) for k in order][-1]
+    assert seconds_of(disorder) - seconds_of(in_order) == pytest.approx(1000.0)
+    assert np.array_equal(numbers_of(in_order), numbers_of(disorder))
+
+
+def seconds_of(message):
+    return 1e-9 * nanoseconds(message.header.stamp)
+
+
+def test_lost_observations_leave_the_belief_less_sure(camera):
+    spreads = []
+    for kept in (range(10), (0, 1, 2, 9)):
+        camera.begin()
+        (own,) = [camera.see(*fall()[k]) for k in kept][-1].objects
+        spreads.append(np.sqrt(np.array(own.covariance).reshape(12, 12)[5, 5]))
+        expected = 0.5 - 0.5 * G * (9 * PERIOD) ** 2
+        assert position_of(own.pose.pose)[2] == pytest.approx(expected, abs=4.0 * STD)
+    assert spreads[1] > 1.05 * spreads[0]
+
+
+def test_an_outlier_is_rejected_and_has_no_effect(camera):
+    sent = fall()
+    camera.begin()
+    without = [camera.see(*observation) for observation in sent][-1]
+    camera.begin()
+    for observation in sent[:-1]:
+        camera.see(*observation)
+    (own,) = camera.see(8.5 * PERIOD, "box", (1.0, 0.0, 0.5)).objects
+    assert own.rejections == 1 and own.distance > 10.0 and own.last_seen == camera.stamp(8 * PERIOD)
+    (after,), (before,) = camera.see(*sent[-1]).objects, without.objects
+    assert position_of(after.pose.pose) == pytest.approx(position_of(before.pose.pose), abs=1e-3)
+
+
+def test_bad_observations_are_left_out_alone(camera):
+    camera.begin()
+    camera.see(0.0, "box", (0.0, 0.0, 0.0))
+    bad = [
+        camera.see(PERIOD, "box", (np.nan, 0.0, 0.5)),
+        camera.see(PERIOD, "box", (0.0, 0.0, 0.5), q=(0.0, 0.0, 0.0, 0.0)),
+        camera.see(PERIOD, "ghost", (0.0, 0.0, 0.5)),
+    ]
+    camera.send(PERIOD, "box", (0.0, 0.0, 0.5), frame="nowhere")
+    time.sleep(0.3)
+    bad.append(camera.see(PERIOD, "box", (0.0, 0.0, 0.0)))
+    reasons = [(own.key, own.value) for message in bad for own in message.skipped]
+    expected = ("pose.position must be finite", "pose.orientation", UNKNOWN_MODEL, "nowhere")
+    assert [name for name, _ in reasons] == ["box", "box", "ghost", "box"]
+    assert all(part in reason for part, (_, reason) in zip(expected, reasons, strict=True)), reasons
+    (own,) = bad[-1].objects
+    assert own.id == "box" and own.last_seen == camera.stamp(PERIOD) and own.rejections == 0
+
+
+@pytest.mark.parametrize("association", ["id", "distance"])
+def test_swapped_names_move_nothing(camera, listener, association):
+    camera.begin()
+    places = {"left/1": (0.0, -0.15, 0.5), "right": (0.0, 0.15, 0.5)}
+
+    def see(k, swapped):
+        t, names = k * PERIOD, list(places)
+        for name, other in zip(names, reversed(names), strict=True):
+            x, y, z = places[other if swapped else name]
+            found = camera.see(t, name, (x, y, z - 0.5 * G * t**2))
+        return {own.id: own for own in found.objects}
+
+    try:
+        if association == "distance":
+            set_parameter(listener, "association_distance", 0.1)
+            set_parameter(listener, "association", "distance")
+        for k in range(6):
+            found = see(k, swapped=False)
+        names = [name for _, name in sorted((own.pose.pose.position.y, name) for name, own in found.items())]
+        assert len(names) == 2 and set(names) == set(places)
+        for k in range(6, 8):
+            found = see(k, swapped=True)
+    finally:
+        set_parameter(listener, "association", "id")
+        set_parameter(listener, "association_distance", 0.2)
+    rejections = 2 if association == "id" else 0
+    for name, y in zip(names, (-0.15, 0.15), strict=True):
+        assert found[name].pose.pose.position.y == pytest.approx(y, abs=0.01)
+        assert found[name].rejections == rejections
+
+
+def set_parameter(listener, name, value):
+    kind = "string" if isinstance(value, str) else "double"
+    message = ParameterValue(
+        type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"), **{f"{kind}_value": value}
+    )
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=message)])
+    (result,) = listener.call(SetParameters, "/tracker/set_parameters", request).results
+    assert result.successful, result.reason
+
+
+def stand(camera):
+    """Observe a box that stands on the table."""
+    camera.begin()
+    for k in range(6):
+        message = camera.see(k * PERIOD, "box", (0.0, 0.0, 0.0))
+    return message
+
+
+def test_the_newest_belief_is_predicted(camera, listener):
+    with Inbox(listener, Prediction, "/tracker/predictions") as inbox:
+        wait_until(lambda: listener.node.count_publishers("/tracker/predictions") == 1)
+        time.sleep(0.3)
+        last = stand(camera)
+        while (message := inbox.next()).header.stamp != last.header.stamp:
+            pass
+    (own,) = message.objects
+    assert [seconds(state.time_from_start) for state in own.states] == pytest.approx(HORIZONS)
+    valid = nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)
+    assert valid == pytest.approx(1e9 * HORIZONS[-1], abs=1e3)
+    assert position_of(own.states[-1].pose.pose) == pytest.approx([0.0, 0.0, 0.0], abs=0.005)
+
+
+#: Place of a box that a brick has pushed: the path's end, and both half lengths [m].
+PUSHED = -0.05 + 0.120 + 0.039
+
+
+def push(name="hand"):
+    """A brick that moves along x, towards the box and beyond, in half a second."""
+    action = Action(type=Action.TRAJECTORY, object=name)
+    points = []
+    for t, x in ((0.0, -0.25), (0.5, -0.05)):
+        place = Transform()
+        place.translation.x, place.translation.z = x, 0.01
+        points.append(MultiDOFJointTrajectoryPoint(transforms=[place], time_from_start=duration(t)))
+    action.trajectory.points = points
+    return ObjectState(id=name, model="brick", kind=ObjectState.PRESCRIBED), action
+
+
+def fork(listener, **fields):
+    answer = listener.call(Fork, "/tracker/fork", Fork.Request(**fields))
+    assert answer.result.error_code == ErrorCode.NONE, answer.result.error_msg
+    return answer
+
+
+def test_a_fork_answers_what_if(camera, listener):
+    last = stand(camera)
+    around = BoxRegion(id="here")
+    around.size.x = around.size.y = around.size.z = 0.15
+    asked = {"horizon": duration(0.6), "return_probabilities": True, "regions": [around]}
+    alone = fork(listener, **asked)
+    hand, action = push()
+    pushed = fork(listener, **asked, objects=[hand], actions=[action])
+    again = fork(listener, **asked)
+    assert alone.prediction.header.stamp == last.header.stamp
+    assert [own.id for own in pushed.prediction.objects] == ["box", "hand"]
+    x = [answer.prediction.objects[0].states[-1].pose.pose.position.x for answer in (alone, pushed, again)]
+    assert abs(x[0]) < 0.005 and x[0] == x[2]  # the tracker has not changed
+    assert x[1] == pytest.approx(PUSHED, abs=0.02)
+    inside = [answer.prediction.region_probabilities[0].probability.probability for answer in (alone, pushed)]
+    assert inside == [1.0, 0.0]
+    touches = {
+        frozenset((entry.object_a, entry.object_b)): entry.probability.probability
+        for entry in pushed.prediction.contact_probabilities
+    }
+    assert touches[frozenset(("box", "hand"))] == 1.0
+    assert [own.id for own in pushed.scene.objects] == ["box", "hand"] and len(pushed.actions) == 1
+
+
+def test_what_the_robot_does_moves_what_it_pushes(camera, listener):
+    stand(camera)
+    publisher = listener.node.create_publisher(ActionArray, "/tracker/actions", 10)
+    wait_until(lambda: publisher.get_subscription_count() == 1)
+    hand, action = push()
+    message = ActionArray(objects=[hand], actions=[action])
+    message.header.stamp = camera.stamp(5 * PERIOD)
+    publisher.publish(message)
+    wait_until(lambda: len(fork(listener).prediction.objects) == 2)
+    x = fork(listener, horizon=duration(0.6)).prediction.objects[0].states[-1].pose.pose.position.x
+    assert x == pytest.approx(PUSHED, abs=0.02)
+    action.type = Action.WRENCH
+    publisher.publish(message)
+    time.sleep(0.2)
+    (reason,) = camera.see(6 * PERIOD, "box", (0.0, 0.0, 0.0)).skipped
+    assert reason.key == "~/actions" and "trajectory" in reason.value.lower()
+
+
+def test_objects_are_forgotten_on_request(camera, listener):
+    stand(camera)
+    answer = listener.call(Reset, "/tracker/reset", Reset.Request(ids=["boxx"]))
+    assert answer.result.error_code == ErrorCode.INVALID_REQUEST and "'box'" in answer.result.error_msg
+    fork(listener)
+    assert not listener.call(Reset, "/tracker/reset", Reset.Request(ids=["box"])).result.error_code
+    answer = listener.call(Fork, "/tracker/fork", Fork.Request())
+    assert (
+        answer.result.error_code == ErrorCode.INVALID_REQUEST
+        and "holds no objects" in answer.result.error_msg
+    )
+
+
+def test_diagnostics_count_observations(camera, listener):
+    with Inbox(listener, DiagnosticArray, "/diagnostics") as inbox:
+        camera.begin()
+        sent = fall()
+        for k in (0, 1, 2, 4, 3, 3):
+            camera.see(*sent[k])
+        values = {}
+        while values.get("late observations", "0") == "0":
+            (status,) = [own for own in inbox.next().status if own.name == "tracker: tracking"]
+            values = {pair.key: pair.value for pair in status.values}
+    assert values["objects"] == "1" and int(values["duplicate observations"]) >= 1

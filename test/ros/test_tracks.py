@@ -1,0 +1,188 @@
+"""The node's tracked objects without DDS: births, association, forgetting, and changes of the environment."""
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovariance
+from shape_msgs.msg import Plane
+from std_msgs.msg import Header
+
+from unc_physics.checks.errors import InvalidEnvironmentError
+from unc_physics.ros.association import Place, assign
+from unc_physics.ros.environment import NodeEnvironment
+from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.parameters import Settings
+from unc_physics.ros.streams import detected_object
+from unc_physics.ros.tracking import observation_of
+from unc_physics.ros.tracks import Tracks
+from unc_physics.ros.transforms import TRACKED, transforms
+from unc_physics_msgs.msg import EnvironmentElement, TrackedObject
+
+STD, START = 0.002, 1_000_000_000_000  # m, ns
+SETTINGS = Settings(track=True, tracking_members=16, exact=True, forget_after=5.0)
+
+
+def floor(offset=0.0):
+    return [EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, offset]))]
+
+
+@pytest.fixture
+def tracks():
+    library, environment = ModelLibrary(), NodeEnvironment()
+    environment.set(floor())
+    yield Scenery(Tracks(library, environment), environment, library)
+    library.discard()
+
+
+class Scenery:
+    """Tracks, and what is observed."""
+
+    def __init__(self, tracks, environment, library):
+        self.tracks, self.environment, self.library = tracks, environment, library
+
+    def see(self, t, *places, named=False, settings=SETTINGS):
+        """Observe cans, at positions, after a time; with an id if ``named``."""
+        seen = []
+        for k, place in enumerate(places):
+            pose = PoseWithCovariance()
+            pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = map(float, place)
+            pose.covariance = np.diag([STD**2] * 3 + [0.02**2] * 3).ravel()
+            seen.append(detected_object(f"can {k}", "can", pose, self.library, 1.0))
+        ids = {own.id for own in seen} if named else ()
+        return self.tracks.observe(self.stamp(t), seen, ids, settings)
+
+    @staticmethod
+    def stamp(t):
+        return START + round(1e9 * t)
+
+    def known(self):
+        """The tracked objects by id."""
+        fork = self.tracks.fork()
+        fork.arrive()
+        return {own.id: own for own in fork.messages()}
+
+
+def height(own):
+    return own.pose.pose.position.z
+
+
+def test_objects_without_an_id_need_a_second_observation(tracks):
+    assert tracks.see(0.0, (0, 0, 0)).births == 0 and not tracks.known()
+    assert tracks.see(0.1, (0, 0, 0), (1, 0, 0)).births == 1  # the second one is seen for the first time
+    assert list(tracks.known()) == ["can_1"]
+    assert tracks.see(2.0, (0, 0, 0), (1, 0, 0)).births == 0  # and again too late
+    assert tracks.see(2.1, (0, 0, 0), (1, 0, 0)).births == 1
+    assert list(tracks.known()) == ["can_1", "can_2"]
+
+
+def test_two_observations_of_an_object_are_one(tracks):
+    for k in range(2):
+        tracks.see(0.1 * k, (0, 0, 0))
+    outcome = tracks.see(0.2, (0, 0, 0), (0.01, 0, 0))
+    assert outcome.accepted == 1 and outcome.skipped == {"can 1": "is a second observation of 'can_1'"}
+    assert len(tracks.known()) == 1
+
+
+def test_pairs_are_the_most_likely_ones():
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        expected, observed = (
+            [Place("can", rng.uniform(0, 0.3, 3), np.diag(rng.uniform(1e-4, 1e-2, 3))) for _ in range(4)]
+            for _ in range(2)
+        )
+
+        def cost(pairs, expected=expected, observed=observed):
+            total = 0.0
+            for i, j in pairs:
+                S = expected[i].covariance + observed[j].covariance
+                apart = expected[i].position - observed[j].position
+                total += apart @ np.linalg.inv(S) @ apart + np.log(np.linalg.det(S))
+            return total
+
+        best = min(cost(enumerate(order)) for order in itertools.permutations(range(4)))
+        assert cost(assign(expected, observed, 9.0)) == pytest.approx(best)
+
+
+def test_pairs_have_one_model_and_are_near():
+    P = 1e-4 * np.eye(3)
+    here, there = np.zeros(3), np.array([0.5, 0.0, 0.0])
+    assert assign([Place("can", here, P)], [Place("mug", here, P), Place("can", there, P)], 0.4) == []
+    assert assign([Place("can", here, P)], [Place("mug", here, P), Place("can", there, P)], 0.6) == [(0, 1)]
+
+
+def test_what_is_not_seen_coasts_and_is_forgotten(tracks):
+    for k in range(8):
+        t = k / 30
+        tracks.see(t, (0, 0, 2.0 - 0.5 * 9.81 * t**2), named=True)
+    (seen,) = tracks.known().values()
+    tracks.tracks.advance(tracks.stamp(0.55), SETTINGS)
+    (own,) = tracks.known().values()
+    assert own.status == TrackedObject.STATUS_COASTING and own.last_seen == seen.last_seen
+    assert height(own) == pytest.approx(2.0 - 0.5 * 9.81 * 0.55**2, abs=0.02)
+    assert own.pose.covariance[14] > 2.0 * seen.pose.covariance[14]
+    outcome = tracks.see(0.3, (0, 0, 2.0 - 0.5 * 9.81 * 0.3**2), named=True)  # late, within the window
+    assert outcome.accepted == 1
+    tracks.tracks.advance(tracks.stamp(0.3 + 4.9), SETTINGS)
+    assert len(tracks.known()) == 1
+    tracks.tracks.advance(tracks.stamp(0.3 + 5.1), SETTINGS)
+    assert not tracks.known()
+
+
+def test_observations_beyond_the_window_have_no_effect(tracks):
+    for k in range(4):
+        tracks.see(k / 3, (0, 0, 0), named=True)
+    before = tracks.known()
+    assert tracks.see(0.3, (0.001, 0, 0), named=True).is_too_late
+    assert tracks.known() == before
+
+
+def test_without_an_environment_nothing_is_tracked(tracks):
+    tracks.tracks = Tracks(tracks.library, NodeEnvironment())
+    with pytest.raises(InvalidEnvironmentError, match="fall for ever"):
+        tracks.see(0.0, (0, 0, 0), named=True)
+
+
+def test_a_floor_that_vanishes_lets_objects_fall(tracks):
+    for k in range(8):
+        tracks.see(k / 30, (0, 0, 0), named=True)
+    tracks.tracks.advance(tracks.stamp(0.5), SETTINGS)
+    assert height(tracks.known()["can 0"]) == pytest.approx(0.0, abs=0.005)
+    tracks.environment.set(floor(offset=5.0))
+    tracks.tracks.advance(tracks.stamp(0.9), SETTINGS)
+    # it falls from the newest observation on, which is a window or less ago
+    fallen = -height(tracks.known()["can 0"])
+    assert 0.5 * 9.81 * 0.4**2 - 0.05 < fallen < 0.5 * 9.81 * 0.7**2
+
+
+def test_after_a_long_gap_objects_begin_anew(tracks):
+    tracks.see(0.0, (0, 0, 0), named=True)
+    outcome = tracks.see(100.0, (3, 0, 0), named=True)
+    assert outcome.births == 1
+    (own,) = tracks.known().values()
+    assert own.pose.pose.position.x == pytest.approx(3.0, abs=0.01)
+
+
+def test_more_objects_than_allowed_are_left_out(tracks):
+    settings = Settings(track=True, tracking_members=16, exact=True, max_objects=1)
+    outcome = tracks.see(0.0, (0, 0, 0), (1, 0, 0), named=True, settings=settings)
+    assert outcome.births == 1 and "at most 1" in outcome.skipped["can 1"]
+
+
+def test_ids_of_detections():
+    def detection(name):
+        result = SimpleNamespace(
+            hypothesis=SimpleNamespace(class_id="can", score=0.5), pose=PoseWithCovariance()
+        )
+        return SimpleNamespace(header=Header(), results=[result], id=name)
+
+    array = SimpleNamespace(header=Header(frame_id="camera"), detections=[detection("a"), detection("")])
+    found = observation_of(array, ModelLibrary(), 1.0)
+    assert [own.id for own in found.objects] == ["a", "can_1"] and found.named == {"a"}
+    assert found.header.frame_id == "camera"
+
+
+def test_frames_of_tracked_objects():
+    (found,) = transforms(Header(frame_id="world"), {"can": PoseWithCovariance()}, TRACKED)
+    assert found.child_frame_id == "can_tracked"

@@ -1,0 +1,226 @@
+"""Tracking: observations read by the node, tracked objects read by clients and the viewer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from builtin_interfaces.msg import Time
+
+from unc_physics_msgs.msg import Action, ObjectState, TrackedObject, TrackedObjects
+from unc_physics_msgs.msg import Scene as SceneMessage
+
+from ...checks.errors import NotSupportedError, UncPhysicsError
+from ...checks.validation import point, quaternion
+from ...scene.actions import PosePath
+from ...scene.belief import Belief
+from ...scene.body import RigidBody
+from ...scene.body_belief import BodyBelief
+from ...scene.origins import gaussian_at_origins
+from ...scene.scene import Scene
+from ...spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
+from ...spatial.origin import at_com
+from ...spatial.rotation import rotation_matrix
+from ...tracking.hypotheses import UNKNOWN_SPIN, UNKNOWN_VELOCITY
+from ...tracking.measurements import PoseMeasurement
+from ...tracking.report import TrackStatus
+from .fields import packed, writable, xyz, xyzw
+from .prediction import write_state
+from .scene import CovarianceDefaults, known_covariance
+
+NANOSECONDS = 1_000_000_000
+#: Standard deviation of a new object's pose, over that of its first observation, which corrects it.
+_BEFORE_FIRST = 10.0
+_STATUSES = {getattr(TrackedObject, f"STATUS_{status.name}"): status for status in TrackStatus}
+_CODES = {status: code for code, status in _STATUSES.items()}
+
+
+class Seen(NamedTuple):
+    """Observations of a tracked object so far.
+
+    Attributes
+    ----------
+    stamp : int
+        Of the newest accepted one [ns]; 0 before the first one.
+    distance : float
+        Mahalanobis distance of the last one.
+    rejections : int
+    """
+
+    stamp: int = 0
+    distance: float = 0.0
+    rejections: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedBody:
+    """What a node's tracker knows of one object.
+
+    Attributes
+    ----------
+    name : str
+        Id of the object.
+    model : str
+    status : TrackStatus
+    belief : BodyBelief
+        At the time of the message, about the model's origin.
+    stamp : float
+        Time of the belief, on the clock of the observations [s].
+    last_seen : float or None
+        Time of the newest accepted observation [s].
+    distance : float
+        Mahalanobis distance of the last observation.
+    rejections : int
+        Number of rejected observations.
+    """
+
+    name: str
+    model: str
+    status: TrackStatus
+    belief: BodyBelief
+    stamp: float
+    last_seen: float | None
+    distance: float
+    rejections: int
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp in nanoseconds."""
+    return stamp.sec * NANOSECONDS + stamp.nanosec
+
+
+def stamp_of(time: int) -> Time:
+    """Return a time in nanoseconds as a stamp."""
+    sec, nanosec = divmod(time, NANOSECONDS)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> PoseMeasurement:
+    """Return the measured pose of an observed object's model origin, in the world frame.
+
+    Raises
+    ------
+    UncPhysicsError
+        That names the field of the observation.
+    """
+    position = point(xyz(observed.pose.position), "pose.position")
+    q = quaternion(xyzw(observed.pose.orientation), "pose.orientation")
+    P, _ = known_covariance(
+        observed.belief.pose_covariance, "pose.covariance", defaults.pose, defaults.zero_is_exact
+    )
+    to_body = np.eye(6)
+    to_body[3:, 3:] = rotation_matrix(np.array(q)).T  # messages have rotations about fixed axes
+    try:
+        return PoseMeasurement([*position, *q], to_body @ P @ to_body.T, origin="model")
+    except UncPhysicsError as error:
+        raise type(error)(error.problem, field=f"pose.{error.field}", value=error.value) from None
+
+
+def before_first(observed: ObjectState, defaults: CovarianceDefaults) -> ObjectState:
+    """Return what is known of a new object before its first observation: nearly nothing."""
+    given = observed.belief.pose_covariance
+    P, _ = known_covariance(given, "pose.covariance", defaults.pose, defaults.zero_is_exact)
+    state = ObjectState(id=observed.id, model=observed.model, pose=observed.pose, mass=observed.mass)
+    state.belief.pose_covariance = _BEFORE_FIRST**2 * P.ravel()
+    std = np.repeat([UNKNOWN_VELOCITY, UNKNOWN_SPIN], 3)
+    state.belief.twist_covariance = np.diag(std**2).ravel()
+    return state
+
+
+def check_path(action: Action, field: str) -> None:
+    """Raise an error for an action that a tracker does not take."""
+    if action.type != Action.TRAJECTORY:
+        raise NotSupportedError(
+            "must be TRAJECTORY, as a tracker knows no attachments and wrenches",
+            field=f"{field}.type",
+            value=action.type,
+        )
+    if np.any(action.trajectory_std):
+        raise NotSupportedError("must be zero in a tracker", field=f"{field}.trajectory_std")
+
+
+def later_path(body: RigidBody, delay: float) -> RigidBody:
+    """Return a prescribed body whose path begins later by a time [s]."""
+    path = body.trajectory
+    assert path is not None
+    moved = PosePath(
+        times=path.times + delay,
+        positions=path.positions,
+        orientations=path.orientations,
+        linear_velocities=path.linear_velocities,
+        angular_velocities=path.angular_velocities,
+    )
+    return replace(body, trajectory=moved)
+
+
+def write_tracked(
+    scene: Scene, belief: Belief, status: Callable[[str], TrackStatus], seen: dict[str, Seen]
+) -> list[TrackedObject]:
+    """Return the messages of a tracker's moving bodies, in the order of the scene; without their models."""
+    origins = np.array([writable(body.model.origin) for body in scene.bodies])
+    there = gaussian_at_origins(belief, origins)
+    means, blocks, found = writable(there.mean), writable(there.blocks), []
+    for row, b in enumerate(scene.moving.tolist()):
+        name = scene.bodies[b].name
+        message = TrackedObject(id=name, status=_CODES[status(name)])
+        message.covariance = packed(write_state(message, means[b], blocks[row]))
+        own = seen.get(name, Seen())
+        message.last_seen = stamp_of(own.stamp)
+        message.distance, message.rejections = own.distance, own.rejections
+        found.append(message)
+    return found
+
+
+def read_tracked(message: TrackedObjects) -> dict[str, TrackedBody]:
+    """Return the tracked objects of a message by their ids."""
+    stamp = 1e-9 * nanoseconds(message.header.stamp)
+    return {own.id: _tracked_body(own, stamp) for own in message.objects}
+
+
+def _tracked_body(message, stamp):
+    state = np.empty(STATE)
+    state[POSITION] = xyz(message.pose.pose.position)
+    state[QUATERNION] = xyzw(message.pose.pose.orientation)
+    state[VELOCITY] = xyz(message.twist.twist.linear)
+    state[ANGULAR_VELOCITY] = xyz(message.twist.twist.angular)
+    C = np.array(message.covariance).reshape(ERROR, ERROR)
+    belief = BodyBelief(
+        origin="model",
+        position=state[POSITION],
+        orientation=state[QUATERNION],
+        linear_velocity=state[VELOCITY],
+        angular_velocity=state[ANGULAR_VELOCITY],
+        covariance=at_com(C, state, np.zeros(3)),
+    )
+    seen = 1e-9 * nanoseconds(message.last_seen)
+    return TrackedBody(
+        message.id,
+        message.model,
+        _STATUSES[message.status],
+        belief,
+        stamp,
+        seen or None,
+        message.distance,
+        message.rejections,
+    )
+
+
+def scene_of_tracked(message: TrackedObjects, mass_of: Callable[[str], float]) -> SceneMessage:
+    """Return the scene of tracked objects with their beliefs, in the frame of the message.
+
+    Parameters
+    ----------
+    message : TrackedObjects
+    mass_of : callable
+        Returns the mass of the objects of a model [kg]; 0 takes the model's own.
+    """
+    objects = []
+    for own in message.objects:
+        state = ObjectState(
+            id=own.id, model=own.model, mass=mass_of(own.model), pose=own.pose.pose, twist=own.twist.twist
+        )
+        state.belief.covariance = own.covariance
+        objects.append(state)
+    return SceneMessage(header=message.header, objects=objects)

@@ -1,0 +1,374 @@
+"""Tracking: topics and services of the objects that the node keeps a belief about."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_msgs.msg import Header
+
+from unc_physics_msgs.msg import ActionArray, ObjectState, Prediction, Result, TrackedObjects
+from unc_physics_msgs.srv import Fork, Reset
+
+from ..checks.errors import DivergedError, ErrorCode
+from ..prediction.prediction import Prediction as CorePrediction
+from .messages.fields import seconds
+from .messages.prediction import write_answer
+from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_times
+from .messages.tracking import nanoseconds, stamp_of
+from .services import BackgroundService
+from .streams import LatestWorker, detected_object, scene_of_detections, stamp_age, stamp_problem, topic_name
+from .tracks import Tracks
+from .transforms import TRACKED, TransformTopic
+
+_REPORT_PERIOD = 5.0  # s, between warnings in the log
+_DEPTH = 20  # observations of a source that wait in the middleware
+_PENDING = 100  # observations that wait for the tracker
+_WAITING = 16  # of them, for a transform
+# best effort matches all publishers, including sensors
+_SENSOR = {"depth": _DEPTH, "reliability": ReliabilityPolicy.BEST_EFFORT}
+_OVERRIDABLE = QoSOverridingOptions.with_default_policies()
+
+
+class Observation(NamedTuple):
+    """Message of a source.
+
+    Attributes
+    ----------
+    header : Header
+    objects : sequence of ObjectState
+        In the frame of the header.
+    named : collection of str
+        Ids among theirs that the source gave.
+    skipped : mapping of str
+        Reasons of observations that were left out, by id.
+    """
+
+    header: Header
+    objects: Sequence[ObjectState]
+    named: Collection[str]
+    skipped: Mapping[str, str]
+
+
+class Tracking:
+    """Observations and actions in, tracked objects and predictions out, and what-if questions.
+
+    One thread corrects the tracker by observations, in the order of their arrival. Another predicts the
+    newest belief. Observations wait for their transforms in other threads.
+
+    Parameters
+    ----------
+    server : PredictionServer
+    stream : Stream
+        Publishes the predictions.
+    """
+
+    def __init__(self, server, stream):
+        self._server, self._stream, node = server, stream, server.node
+        settings = server.settings
+        self._tracks = Tracks(server.library, server.environment)
+        self._lock = threading.Lock()  # of the tracks
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="tracking")
+        self._waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
+        self._predictor = LatestWorker(self._predict, lambda: None)
+        self._pending, self._pending_lock = 0, threading.Lock()
+        self._skipped: dict[str, str] = {}
+        self._clock: Any = node.get_clock()
+        self._heard: tuple[int, int] | None = None  # newest stamp, and the clock when it arrived [ns]
+        self._counts = server.diagnostics.track()
+        self._tracked = node.create_publisher(TrackedObjects, "~/tracked", 1)
+        self._transforms = TransformTopic(server, TRACKED)
+        self._services = [
+            BackgroundService(server, Fork, "~/fork", self._fork),
+            BackgroundService(server, Reset, "~/reset", self._reset),
+        ]
+        self._subscriptions = []
+        for name, model in zip(settings.observed_objects, settings.observed_models, strict=True):
+            if name:
+                self._subscribe(
+                    PoseWithCovarianceStamped,
+                    f"~/observed/{topic_name(name)}",
+                    lambda message, name=name, model=model: self._observed(name, model, message),
+                )
+        try:
+            from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
+        except ImportError:
+            pass
+        else:
+            self._subscribe(Detection3DArray, "~/observations", self._detected)
+        self._subscriptions.append(
+            node.create_subscription(ActionArray, "~/actions", self._acted, QoSProfile(depth=_DEPTH))
+        )
+        # a steady clock, as simulated time may stop
+        self._timer = node.create_timer(
+            1.0 / settings.tracked_rate, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        threshold = JumpThreshold(
+            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
+        )
+        self._jumps = self._clock.create_jump_callback(threshold, post_callback=self._jumped)
+
+    def close(self) -> None:
+        """Withdraw topics and services."""
+        node = self._server.node
+        self._jumps.unregister()
+        node.destroy_timer(self._timer)
+        for service in self._services:
+            service.close()
+        for subscription in self._subscriptions:
+            node.destroy_subscription(subscription)
+        self._waiting.shutdown(cancel_futures=True)
+        self._worker.shutdown(cancel_futures=True)
+        self._predictor.close()
+        node.destroy_publisher(self._tracked)
+        self._transforms.close()
+
+    def _subscribe(self, kind, topic, callback):
+        profile = QoSProfile(**_SENSOR)  # of its own, as overriding changes it
+        self._subscriptions.append(
+            self._server.node.create_subscription(
+                kind, topic, callback, profile, qos_overriding_options=_OVERRIDABLE
+            )
+        )
+
+    # -- input, in the executor's thread -----------------------------------------------------------
+
+    def _observed(self, name, model, message):
+        """Take the pose of an object with a topic of its own."""
+        server = self._server
+        state = detected_object(name, model, message.pose, server.library, server.settings.tracked_mass)
+        self._receive(Observation(message.header, [state], {name}, {}))
+
+    def _detected(self, detections):
+        """Take a Detection3DArray."""
+        self._receive(observation_of(detections, self._server.library, self._server.settings.tracked_mass))
+
+    def _receive(self, observation):
+        if not (observation.header.stamp.sec or observation.header.stamp.nanosec):
+            observation.header.stamp = self._clock.now().to_msg()
+        self._pass_on(observation.header, self._correct, observation)
+
+    def _acted(self, message):
+        if not (message.header.stamp.sec or message.header.stamp.nanosec):
+            message.header.stamp = self._clock.now().to_msg()
+        self._pass_on(message.header, self._act, message)
+
+    def _pass_on(self, header, work, message):
+        """Have the worker process a message, once its transform is there."""
+        with self._pending_lock:
+            if self._pending >= _PENDING:
+                self._counts.add("dropped messages")
+                return
+            self._pending += 1
+        with contextlib.suppress(RuntimeError):  # the node is closing
+            if self._server.frames.is_world(header.frame_id):
+                self._worker.submit(self._process, work, message, None)
+            else:
+                self._waiting.submit(self._transform, work, message)
+
+    def _transform(self, work, message):
+        result, transform = Result(), None
+        with self._server.errors_into(result):
+            transform = self._server.frames.to_world(message.header)
+        if result.error_code:
+            self._leave_out(message, result.error_msg)
+            with self._pending_lock:
+                self._pending -= 1
+            return
+        with contextlib.suppress(RuntimeError):
+            self._worker.submit(self._process, work, message, transform)
+
+    def _tick(self):
+        """Go on without observations."""
+        if self._heard is not None:
+            with contextlib.suppress(RuntimeError):
+                self._worker.submit(self._go_on)
+
+    def _jumped(self, _):
+        """Forget what belongs to the time before a jump of the clock."""
+        self._server.log.warning("the clock changed or jumped back: the tracker starts anew")
+        with contextlib.suppress(RuntimeError):
+            self._worker.submit(self._clear)
+
+    # -- in the worker's thread --------------------------------------------------------------------
+
+    def _process(self, work, message, transform):
+        with self._pending_lock:
+            self._pending -= 1
+        result, settings = Result(), self._server.settings
+        with self._server.errors_into(result):
+            if (reason := stamp_problem(self._server.node, message.header.stamp, settings)) is not None:
+                self._counts.add("dropped messages", warning=reason)
+                self._warn(f"a message to the tracker was dropped: {reason}")
+                return
+            try:
+                work(message, transform, settings)
+            except DivergedError:
+                self._clear()
+                raise
+        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
+            self._leave_out(message, result.error_msg)
+
+    def _leave_out(self, message, reason):
+        """Report that a whole message was left out."""
+        if isinstance(message, Observation):
+            skipped = {own.id: reason for own in message.objects}
+        else:
+            skipped = {"~/actions": reason}
+        self._report_skipped(skipped)
+
+    def _report_skipped(self, skipped):
+        for name, reason in skipped.items():
+            self._warn(f"an observation of '{name}' was left out: {reason}")
+        self._counts.add("skipped observations", len(skipped), next(iter(skipped.values()), ""))
+        with self._lock:
+            self._skipped.update(skipped)
+
+    def _correct(self, observation, transform, settings):
+        objects = observation.objects
+        if transform is not None:
+            objects = [transform.object(own) for own in objects]
+        stamp, counts = nanoseconds(observation.header.stamp), self._counts
+        with self._lock:
+            found = self._tracks.observe(stamp, objects, observation.named, settings)
+            counts.set("objects", len(self._tracks.names))
+        counts.add("observations", len(objects))
+        counts.add("rejected observations", found.rejected)
+        counts.add("duplicate observations", found.duplicates)
+        counts.add("new objects", found.births)
+        counts.add("late observations", len(objects) * found.is_late)
+        if found.is_too_late:
+            counts.add(
+                "observations beyond the window",
+                len(objects),
+                f"observations are later than tracking_window of {settings.tracking_window:g} s",
+            )
+        if (delay := stamp_age(self._server.node, observation.header.stamp)) is not None:
+            counts.set("last delay [s]", delay)
+        if skipped := {**observation.skipped, **found.skipped}:
+            self._report_skipped(skipped)
+        if self._heard is None or stamp > self._heard[0]:
+            self._heard = stamp, self._clock.now().nanoseconds
+        self._publish()
+
+    def _act(self, message, transform, settings):
+        objects, actions = message.objects, message.actions
+        if transform is not None:
+            objects = [transform.object(own) for own in objects]
+            actions = [transform.action(own) for own in actions]
+        with self._lock:
+            self._tracks.act(nanoseconds(message.header.stamp), objects, actions, settings)
+
+    def _go_on(self):
+        """Publish the belief of the present time if no observation has come meanwhile."""
+        if self._heard is None:
+            return
+        newest, then = self._heard
+        stamp, settings = newest + self._clock.now().nanoseconds - then, self._server.settings
+        if stamp - self._tracks.stamp < 0.5e9 / settings.tracked_rate or not self._tracks.names:
+            return
+        result = Result()
+        with self._server.errors_into(result):
+            try:
+                with self._lock:
+                    self._tracks.advance(stamp, settings)
+                    self._counts.set("objects", len(self._tracks.names))
+                self._publish()
+            except DivergedError:
+                self._clear()
+                raise
+        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
+            self._warn(f"the tracker failed: {result.error_msg}")
+
+    def _publish(self):
+        """Publish the newest belief, and have it predicted."""
+        with self._lock:
+            present, skipped, self._skipped = self._tracks.fork(), self._skipped, {}
+        present.arrive()
+        settings = self._server.settings
+        header = Header(stamp=stamp_of(present.stamp), frame_id=settings.world_frame)
+        message = TrackedObjects(header=header, objects=present.messages())
+        message.skipped = [KeyValue(key=name, value=reason) for name, reason in skipped.items()]
+        self._tracked.publish(message)
+        if settings.publish_tf:
+            self._transforms.publish(header, {own.id: own.pose for own in message.objects})
+        if present.names and self._stream.is_wanted:
+            self._predictor.put(present)
+
+    def _clear(self):
+        with self._lock:
+            self._tracks.clear()
+        self._heard = None
+        self._counts.set("objects", 0)
+
+    def _warn(self, text):
+        self._server.log.warning(text, throttle_duration_sec=_REPORT_PERIOD)
+
+    # -- predictions -------------------------------------------------------------------------------
+
+    def _predict(self, present):
+        """Predict a fork for the stream's horizons; must not raise."""
+        server, settings, result = self._server, self._server.settings, Result()
+        with server.errors_into(result):
+            times, message = sorted(set(settings.horizons)), Prediction()
+            outputs = RequestedOutputs(probabilities=settings.stream_probabilities)
+            job, prediction = present.predict(times[-1], times[:-1], settings, outputs)
+            self._write(message, job, prediction, present.stamp)
+            self._stream.publish(message, job)
+        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
+            self._warn(f"a tracked scene was not predicted: {result.error_msg}")
+
+    def _write(self, message, job, prediction: CorePrediction, stamp):
+        settings, header = self._server.settings, Header(stamp=stamp_of(stamp))
+        write_answer(message, header, settings, job, prediction)
+        self._server.diagnostics.predicted(prediction)
+
+    def _fork(self, request, response):
+        server, settings = self._server, self._server.settings
+        with server.errors_into(response.result):
+            with self._lock:
+                present = self._tracks.fork()
+            scene = present.scene
+            horizon = max(settings.horizons)
+            if seconds(request.horizon):
+                horizon = read_horizon(request.horizon, settings)
+            times = read_times(request, horizon, scene, settings)
+            present.arrive()
+            if request.actions:
+                present.act(present.stamp, request.objects, request.actions, settings)
+            job, prediction = present.predict(
+                horizon,
+                times,
+                settings,
+                RequestedOutputs.read(request),
+                limited_regions(request.regions, settings),
+                request.return_samples,
+            )
+            self._write(response.prediction, job, prediction, present.stamp)
+            response.scene, response.actions = present.scene_message()
+            response.scene.header = response.prediction.header
+
+    def _reset(self, request, response):
+        with self._server.errors_into(response.result):
+            if request.ids:
+                with self._lock:
+                    self._tracks.forget(request.ids, self._server.settings)
+                    self._counts.set("objects", len(self._tracks.names))
+            else:
+                self._clear()
+
+
+def observation_of(detections, library, mass: float) -> Observation:
+    """Return the observation of a Detection3DArray; models without a mass get ``mass`` [kg]."""
+    scene, skipped = scene_of_detections(detections, library, mass)
+    named = {own.id for own in detections.detections if own.id}
+    return Observation(scene.header, list(scene.objects), named, skipped)

@@ -1,0 +1,686 @@
+"""Objects that the node tracks: births, association, corrections, and forgetting."""
+
+from __future__ import annotations
+
+import copy
+from collections import OrderedDict
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from unc_physics_msgs.msg import Action, Environment, ObjectState, TrackedObject
+from unc_physics_msgs.msg import Scene as SceneMessage
+
+from ..checks.errors import (
+    DuplicateIdError,
+    InvalidEnvironmentError,
+    InvalidRequestError,
+    LimitExceededError,
+    NotSupportedError,
+    UncPhysicsError,
+)
+from ..checks.names import hint
+from ..prediction.prediction import Prediction
+from ..prediction.regions import BoxRegion
+from ..propagators.monte_carlo import MonteCarlo
+from ..scene.belief import Belief
+from ..scene.body import RigidBody
+from ..scene.body_belief import BodyBelief
+from ..scene.origins import gaussian_at_origins
+from ..scene.scene import Scene
+from ..scene.stiffness import AUTO
+from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
+from ..tracking.measurements import PoseMeasurement
+from ..tracking.tracker import Tracker
+from .association import Place, assign, smallest_extent
+from .environment import HOW_TO_SET, NodeEnvironment
+from .messages.actions import group_actions, write_actions
+from .messages.request import Job, RequestedOutputs, check_answer
+from .messages.scene import AllSkippedError, SceneLimits, read_scene, write_joint_covariance, write_object
+from .messages.tracking import Seen, before_first, check_path, later_path, read_measurement, write_tracked
+from .models import ModelLibrary, packing_info
+from .parameters import Settings
+
+#: Time without observations after which all objects begin anew [s].
+_LONGEST_GAP = 60.0
+#: Within which time two observations confirm a new object that no id names [s].
+_CONFIRMED_WITHIN = 1.0
+_REMEMBERED = 2000  # observations that are recognized when they arrive again
+_SEED = 1
+#: Parts of a covariance of a pose about a model's origin.
+_OF_POSITION = slice(0, 3)
+_MEANS_ONLY = RequestedOutputs()
+
+
+class Robot(NamedTuple):
+    """Prescribed object.
+
+    Attributes
+    ----------
+    state : ObjectState
+    body : RigidBody
+        With the path's times from ``stamp`` on.
+    stamp : int
+        [ns]
+    """
+
+    state: ObjectState
+    body: RigidBody
+    stamp: int
+
+
+class Candidate(NamedTuple):
+    """First observation of an object that no id names."""
+
+    place: Place
+    stamp: int
+
+
+@dataclass
+class Observed:
+    """What became of the observations of one time.
+
+    Attributes
+    ----------
+    skipped : dict of str
+        Reasons of observations that were left out, by id.
+    accepted, rejected, duplicates, births : int
+        Numbers of observations, and of new objects.
+    is_late, is_too_late : bool
+        Whether the observations are older than earlier ones, and than the window.
+    """
+
+    skipped: dict[str, str] = field(default_factory=dict)
+    accepted: int = 0
+    rejected: int = 0
+    duplicates: int = 0
+    births: int = 0
+    is_late: bool = False
+    is_too_late: bool = False
+
+
+class Tracks:
+    """Tracked objects of the node, in the world frame; one thread at a time may use them.
+
+    Parameters
+    ----------
+    library : ModelLibrary
+    environment : NodeEnvironment
+    """
+
+    def __init__(self, library: ModelLibrary, environment: NodeEnvironment):
+        self._library, self._environment = library, environment
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all objects and what the robot does."""
+        self._tracker: Any = None  # a Tracker while objects are known
+        self._epoch = self._stamp = self._observed = 0  # ns
+        self._states: dict[str, ObjectState] = {}
+        self._models: dict[str, str] = {}  # of all bodies
+        self._robots: dict[str, Robot] = {}
+        self._seen: dict[str, Seen] = {}
+        self._known: OrderedDict[tuple, None] = OrderedDict()
+        self._candidates: list[Candidate] = []
+        self._numbers: dict[str, int] = {}  # of objects without an id, by model
+        self._surroundings: tuple[int, Environment] = -1, Environment()
+
+    @property
+    def stamp(self) -> int:
+        """Time of the newest belief [ns]."""
+        return self._stamp
+
+    @property
+    def names(self) -> list[str]:
+        """Ids of the tracked objects."""
+        return list(self._states)
+
+    # -- input -------------------------------------------------------------------------------------
+
+    def observe(
+        self, stamp: int, objects: Sequence[ObjectState], named: Collection[str], settings: Settings
+    ) -> Observed:
+        """Take in observations of one time.
+
+        Parameters
+        ----------
+        stamp : int
+            [ns]
+        objects : sequence of ObjectState
+            Observed objects, in the world frame.
+        named : collection of str
+            Ids among theirs that the source gave.
+        settings : Settings
+
+        Raises
+        ------
+        UncPhysicsError
+            If the node has no environment, or the simulation fails.
+        """
+        outcome = Observed()
+        if settings.integrator == "implicit" and any(settings.gravity) and not self._environment.is_set:
+            raise InvalidEnvironmentError(
+                f"must be set, as tracked objects would fall for ever: {HOW_TO_SET}",
+                field="the node's environment",
+            )
+        if self._tracker is not None and stamp > self._stamp + _LONGEST_GAP * 1e9:
+            self._begin_anew()
+        outcome.is_late = self._tracker is not None and stamp < self._observed
+        found = []
+        for own in objects:
+            try:
+                self._library.shape(own.model)
+                found.append((own, read_measurement(own, settings.covariance_defaults)))
+            except UncPhysicsError as error:
+                outcome.skipped[own.id] = str(error)
+        found = self._without_duplicates(stamp, found, outcome)
+        if not found:
+            return outcome
+        if self._tracker is not None and stamp < self._observed - 1e9 * settings.tracking_window:
+            outcome.is_too_late = True
+            return outcome
+        self._follow_environment(settings)
+        seen, born = self._associated(stamp, found, named, settings, outcome.skipped)
+        seen |= self._added(stamp, born, settings, outcome)
+        if seen:
+            tracker: Any = self._tracker  # which new objects may have begun
+            report = tracker.correct(self._time(stamp), seen)
+            outcome.is_too_late = report.too_late
+            for name in seen if not report.too_late else ():
+                self._note(name, stamp, report, outcome)
+            self._observed = max(self._observed, stamp)
+            self._stamp = max(self._stamp, stamp)
+        self._forget_old(settings)
+        return outcome
+
+    def _note(self, name, stamp, report, outcome):
+        rejected, old = name in report.rejected, self._seen[name]
+        outcome.rejected += rejected
+        outcome.accepted += not rejected
+        newest = old.stamp if rejected else max(old.stamp, stamp)
+        self._seen[name] = Seen(newest, float(report.distance[name]), old.rejections + rejected)
+
+    def advance(self, stamp: int, settings: Settings) -> None:
+        """Go on to a time [ns] without observations; late ones may still arrive within the window."""
+        if self._tracker is None or stamp <= self._stamp:
+            return
+        self._follow_environment(settings)
+        self._stamp = stamp
+        begin = self._time(stamp) - settings.tracking_window
+        if begin > self._tracker.time:
+            self._tracker.predict(begin)
+        self._forget_old(settings)
+
+    def act(
+        self, stamp: int, objects: Sequence[ObjectState], actions: Sequence[Action], settings: Settings
+    ) -> None:
+        """Let prescribed objects follow paths whose times count from a stamp [ns].
+
+        Raises
+        ------
+        UncPhysicsError
+            Nothing is changed then.
+        """
+        given = {own.id: own for own in objects}
+        grouped = group_actions(actions, {*given, *self._robots})
+        for k, action in enumerate(actions):
+            check_path(action, f"actions[{k}]")
+        robots: dict[str, tuple[Robot, str]] = {}
+        for name, own in grouped.items():
+            if name in self._states:
+                raise DuplicateIdError("is the id of a tracked object", field="actions", value=name)
+            state = self._resolved(given[name], settings) if name in given else self._robots[name].state
+            assert own.trajectory is not None
+            read = read_scene(
+                SceneMessage(objects=[state]),
+                self._library,
+                settings.physics,
+                settings.covariance_defaults,
+                _limits(settings),
+                actions=[own.trajectory[1]],
+            )
+            robots[name] = Robot(state, read.scene.bodies[0], stamp), read.models[0]
+        for name, (robot, model) in robots.items():
+            is_new = name not in self._robots
+            self._robots[name], self._models[name] = robot, model
+            if self._tracker is not None:
+                body = self._moved(robot)
+                if is_new:
+                    self._tracker.add(body, _first_pose(body))
+                else:
+                    self._tracker.act({name: body.trajectory})
+
+    def forget(self, ids: Iterable[str], settings: Settings) -> None:
+        """Forget objects.
+
+        Raises
+        ------
+        InvalidRequestError
+            If an id is unknown; nothing is forgotten then.
+        """
+        ids = list(ids)
+        known = [*self._states, *self._robots]
+        for k, name in enumerate(ids):
+            if name not in known:
+                raise InvalidRequestError(
+                    f"is no tracked object{hint(name, known)}", field=f"ids[{k}]", value=name
+                )
+        for name in dict.fromkeys(ids):
+            self._remove(name, settings)
+
+    # -- answers -----------------------------------------------------------------------------------
+
+    def fork(self) -> Tracks:
+        """Return a copy at the time of the newest belief, which shares nothing that changes."""
+        other = copy.copy(self)
+        for name in ("_states", "_models", "_robots", "_seen"):
+            setattr(other, name, dict(getattr(self, name)))
+        other._known, other._candidates = OrderedDict(), []
+        if self._tracker is not None:
+            other._tracker = self._tracker.fork()
+        return other
+
+    def arrive(self) -> None:
+        """Advance a fork to the time of the newest belief."""
+        if self._tracker is not None and (now := self._time(self._stamp)) > self._tracker.time:
+            self._tracker.predict(now)
+
+    def messages(self) -> list[TrackedObject]:
+        """Return the tracked objects of a fork."""
+        if self._tracker is None:
+            return []
+        found = write_tracked(self._tracker.scene, self._tracker.belief(), self._tracker.status, self._seen)
+        for message in found:
+            message.model = self._models[message.id]
+        return found
+
+    def predict(
+        self,
+        horizon: float,
+        times: Sequence[float] | None,
+        settings: Settings,
+        outputs: RequestedOutputs = _MEANS_ONLY,
+        regions: tuple[BoxRegion, ...] = (),
+        samples: int = 0,
+    ) -> tuple[Job, Prediction]:
+        """Predict from the belief of a fork.
+
+        Parameters
+        ----------
+        horizon : float
+            [s]
+        times : sequence of float, optional
+            Times before it [s], ascending.
+        settings : Settings
+        outputs : RequestedOutputs
+        regions : tuple of BoxRegion
+        samples : int
+            Number of samples in the answer.
+
+        Raises
+        ------
+        UncPhysicsError
+        """
+        scene, before = self.scene, [time for time in times or () if time < horizon]
+        members = MonteCarlo(samples=settings.tracking_members, seed=_SEED)
+        job = Job(
+            scene,
+            self._tracker.belief(),
+            regions,
+            tuple(self._models[body.name] for body in scene.bodies),
+            members,
+            horizon,
+            before,
+            None,
+            _SEED,
+            samples,
+            outputs,
+            False,
+            {},
+        )
+        check_answer(job, settings)
+        return job, self._tracker.ahead([*before, horizon])
+
+    @property
+    def scene(self):
+        """Scene of a fork.
+
+        Raises
+        ------
+        InvalidRequestError
+            If nothing is tracked.
+        """
+        if self._tracker is None:
+            raise InvalidRequestError(
+                "holds no objects: none was observed, or all are forgotten", field="the tracker"
+            )
+        return self._tracker.scene
+
+    def scene_message(self) -> tuple[SceneMessage, list[Action]]:
+        """Return the scene of a fork with its belief, and the paths from its time on."""
+        scene, belief = self.scene, self._tracker.belief()
+        own = {*self._states, *self._robots}
+        kept = [b for b, body in enumerate(scene.bodies) if body.name in own]
+        message = SceneMessage(objects=[write_object(scene, belief, b, self._info) for b in kept])
+        message.environment = Environment(elements=self._surroundings[1].elements, complete=True)
+        origins = np.array([body.model.origin for body in scene.bodies])
+        message.joint_covariance = write_joint_covariance(scene, belief, origins)
+        bodies = [scene.bodies[b] for b in kept if scene.bodies[b].trajectory is not None]
+        actions = [
+            action for body in bodies for action in write_actions(later_path(body, -self._tracker.time))
+        ]
+        return message, actions
+
+    def _info(self, name):
+        return packing_info(self._library.shape(name), name)
+
+    # -- association -------------------------------------------------------------------------------
+
+    def _without_duplicates(self, stamp, found, outcome):
+        """Return observations that have not arrived before."""
+        new = []
+        for own, measurement in found:
+            key = stamp, own.id, own.model, measurement.pose.tobytes()
+            if key in self._known:
+                outcome.duplicates += 1
+                continue
+            self._known[key] = None
+            if len(self._known) > _REMEMBERED:
+                self._known.popitem(last=False)
+            new.append((own, measurement))
+        return new
+
+    def _associated(self, stamp, found, named, settings, skipped):
+        """Return measurements of tracked objects by id, and those of new ones with their states."""
+        seen: dict[str, PoseMeasurement] = {}
+        born: dict[str, tuple[ObjectState, PoseMeasurement]] = {}
+        loose = []
+        for own, measurement in found:
+            known = self._states.get(own.id)
+            if settings.association != "id" or own.id not in named:
+                loose.append((own, measurement))
+            elif own.id in self._robots:
+                skipped[own.id] = "id must be that of no prescribed object"
+            elif known is None:
+                born[own.id] = own, measurement
+            elif known.model != own.model:
+                skipped[own.id] = f"model must be '{known.model}', as before (got '{own.model}')"
+            else:
+                seen[own.id] = measurement
+        if not loose:
+            return seen, born
+        places = [_place(own.model, measurement) for own, measurement in loose]
+        expected = self._expected(stamp, [name for name in self._states if name not in seen])
+        pairs = assign(list(expected.values()), places, settings.association_distance)
+        names = list(expected)
+        for i, j in pairs:
+            seen[names[i]] = loose[j][1]
+        paired = {j for _, j in pairs}
+        there = {
+            **expected,
+            **{name: _place(self._states[name].model, measurement) for name, measurement in seen.items()},
+        }
+        for j, (own, measurement) in enumerate(loose):
+            if j in paired:
+                continue
+            if (other := self._second_of(places[j], there)) is not None:
+                skipped[own.id] = f"is a second observation of '{other}'"
+            elif self._is_confirmed(places[j], stamp, settings.association_distance):
+                name = own.id if own.id in named else None
+                born[self._new_name(own.model, name, born)] = own, measurement
+        return seen, born
+
+    def _expected(self, stamp, names):
+        """Return where tracked objects are expected at a time, by their ids."""
+        if self._tracker is None or not names:
+            return {}
+        scene = self._tracker.scene
+        try:
+            belief = self._tracker.belief(self._time(stamp))
+        except InvalidRequestError:  # from before the newest object; the correction will say so
+            belief = self._tracker.belief()
+        there = gaussian_at_origins(belief, np.array([body.model.origin for body in scene.bodies]))
+        found = {}
+        for row, b in enumerate(scene.moving.tolist()):
+            if (name := scene.bodies[b].name) in names:
+                P = there.blocks[row][_OF_POSITION, _OF_POSITION]
+                found[name] = Place(self._models[name], there.mean[b, POSITION], P)
+        return found
+
+    def _second_of(self, place, others):
+        """Return the object that an observation is inside of, as no other of its model can be."""
+        for name, other in others.items():
+            apart = float(np.linalg.norm(place.position - other.position))
+            if place.model == other.model and apart < 0.5 * smallest_extent(self._library.shape(place.model)):
+                return name
+        return None
+
+    def _is_confirmed(self, place, stamp, farthest):
+        """Whether an observation is the second one of a new object; otherwise it is kept as the first."""
+        self._candidates = [
+            one for one in self._candidates if abs(stamp - one.stamp) < 1e9 * _CONFIRMED_WITHIN
+        ]
+        for k, (other, first) in enumerate(self._candidates):
+            apart = np.linalg.norm(place.position - other.position)
+            if other.model == place.model and first != stamp and apart <= farthest:
+                del self._candidates[k]
+                return True
+        self._candidates.append(Candidate(place, stamp))
+        return False
+
+    def _new_name(self, model, given, born):
+        taken = {*self._states, *self._robots, *born}
+        if given is not None and given not in taken:
+            return given
+        while True:
+            number = self._numbers[model] = self._numbers.get(model, 0) + 1
+            if (name := f"{model}_{number}") not in taken:
+                return name
+
+    # -- bodies ------------------------------------------------------------------------------------
+
+    def _time(self, stamp):
+        """Return a stamp [ns] on the tracker's clock [s]."""
+        return 1e-9 * (stamp - self._epoch)
+
+    def _moved(self, robot):
+        return later_path(robot.body, self._time(robot.stamp))
+
+    def _added(self, stamp, born, settings, outcome):
+        """Add new objects; return the measurements of those that were added, by their ids."""
+        states = {}
+        for name, (own, _) in born.items():
+            try:
+                if len(self._states) + len(states) >= settings.max_objects:
+                    raise LimitExceededError(
+                        f"must be at most {settings.max_objects}", field="tracked objects", value=name
+                    )
+                state = self._resolved(before_first(own, settings.covariance_defaults), settings)
+                state.id, states[name] = name, state
+            except UncPhysicsError as error:
+                outcome.skipped[name] = str(error)
+        if not states:
+            return {}
+        if self._tracker is None:
+            added = self._build(stamp, list(states.values()), settings, outcome.skipped)
+        elif self._time(stamp) < self._tracker.time:
+            for name in states:
+                outcome.skipped[name] = "is new, and was observed before the newest observation of the others"
+            return {}
+        else:
+            self._tracker.predict(self._time(stamp))
+            added = [name for name, state in states.items() if self._add(state, settings, outcome.skipped)]
+        for name in added:
+            self._states[name], self._models[name] = states[name], states[name].model
+            self._seen[name] = Seen(stamp)
+        outcome.births += len(added)
+        return {name: born[name][1] for name in added}
+
+    def _resolved(self, state, settings):
+        """Return an object with the number of spheres that it has among others, also while it is alone."""
+        if not state.model or state.spheres:
+            return state
+        default = AUTO if settings.integrator == "implicit" else None
+        state = copy.copy(state)
+        shape = self._library.shape(state.model, 0, state.scale, settings.max_spheres, default=default)
+        state.spheres = len(shape)
+        return state
+
+    def _add(self, state, settings, skipped):
+        """Add an object at the tracker's time; return whether it is valid."""
+        read = self._read([state], settings, skipped)
+        if read is None:
+            return False
+        mean = read.belief.mean[0]
+        belief = BodyBelief(
+            position=mean[POSITION],
+            orientation=mean[QUATERNION],
+            linear_velocity=mean[VELOCITY],
+            angular_velocity=mean[ANGULAR_VELOCITY],
+            covariance=read.belief.blocks[0],
+        )
+        try:
+            self._tracker.add(read.scene.bodies[0], belief)
+        except NotSupportedError:  # it brings uncertain parameters, such as friction where there was none
+            self._rebuild(settings, state)
+        return True
+
+    def _read(self, states, settings, skipped):
+        """Return objects with the node's environment around them; None if none is valid."""
+        message = self._environment.complete(SceneMessage(objects=states))
+        try:
+            read = read_scene(
+                message,
+                self._library,
+                settings.physics,
+                settings.covariance_defaults,
+                _limits(settings),
+                skip_invalid_objects=True,
+            )
+        except AllSkippedError as error:
+            skipped.update(error.skipped)
+            return None
+        skipped.update(read.skipped)
+        self._models.update(
+            (body.name, model) for body, model in zip(read.scene.bodies, read.models, strict=True)
+        )
+        return read
+
+    def _build(self, stamp, states, settings, skipped, known_of=None):
+        """Begin a tracker with some objects; return the ids of valid ones.
+
+        Parameters
+        ----------
+        stamp : int
+            [ns]
+        states : list of ObjectState
+        settings : Settings
+        skipped : dict of str
+        known_of : callable, optional
+            Takes what the states say, a Belief, and the names of the moving bodies; returns another Belief.
+        """
+        message = SceneMessage(objects=states)
+        self._surroundings = self._environment.version, self._environment.complete(message).environment
+        read = self._read(states, settings, skipped)
+        if read is None:
+            return []
+        self._epoch = self._stamp = stamp
+        names = [read.scene.bodies[b].name for b in read.scene.moving]
+        scene, belief = read.scene, read.belief if known_of is None else known_of(read.belief, names)
+        if robots := [self._moved(robot) for robot in self._robots.values()]:
+            scene = replace(scene, bodies=[*scene.bodies, *robots])
+            first = [path.states[0] for body in robots if (path := body.trajectory) is not None]
+            belief = Belief.trusted(np.array([*belief.mean, *first]), belief.covariance, belief.moving)
+        self._tracker = Tracker(
+            scene, belief, members=settings.tracking_members, window=settings.tracking_window, seed=_SEED
+        )
+        return names
+
+    def _rebuild(self, settings, *new):
+        """Begin a tracker with the belief of the present one, in the node's present environment.
+
+        ``new`` are objects that it does not have yet.
+        """
+        old, scene, newest = self._tracker.belief(), self._tracker.scene, self._stamp
+        rows = {scene.bodies[b].name: k for k, b in enumerate(old.moving.tolist())}
+
+        def known_of(belief, names):
+            mean, joint = belief.mean.copy(), belief.joint.copy()
+            kept = [k for k, name in enumerate(names) if name in rows]
+            before = [rows[names[k]] for k in kept]
+            mean[belief.moving[kept]] = old.mean[old.moving[before]]
+            there, here = (_rows_of(places) for places in (before, kept))
+            joint[np.ix_(here, here)] = old.joint[np.ix_(there, there)]
+            return Belief.trusted(mean, joint, belief.moving)
+
+        stamp = self._epoch + round(1e9 * self._tracker.time)
+        self._build(stamp, [*self._states.values(), *new], settings, {}, known_of)
+        self._stamp = newest
+
+    def _follow_environment(self, settings):
+        """Begin a new tracker if the node's environment has changed."""
+        if self._tracker is None or self._surroundings[0] == self._environment.version:
+            return
+        message = SceneMessage(objects=list(self._states.values()))
+        environment = self._environment.complete(message).environment
+        if environment == self._surroundings[1]:
+            self._surroundings = self._environment.version, environment
+        else:
+            self._rebuild(settings)
+
+    def _forget_old(self, settings):
+        """Forget objects that were not observed for too long."""
+        limit = 1e9 * settings.forget_after
+        if limit:
+            for name in [one for one, seen in self._seen.items() if self._stamp - seen.stamp > limit]:
+                self._remove(name, settings)
+
+    def _remove(self, name, settings):
+        robot, state = self._robots.pop(name, None), self._states.pop(name, None)
+        self._seen.pop(name, None)
+        if self._tracker is None:
+            return
+        if not self._states:
+            self._tracker = None
+        elif robot is not None or state is not None:
+            try:
+                self._tracker.remove(name)
+            except NotSupportedError:  # uncertain parameters vanish with it
+                self._rebuild(settings)
+
+    def _begin_anew(self):
+        """Forget all objects, and keep what the robot does."""
+        robots, models = self._robots, self._models
+        self.clear()
+        self._robots, self._models = robots, models
+
+
+def warm_up_tracker(scene: Scene, belief: Belief, _propagator: object, horizon: float) -> None:
+    """Track a scene for a few steps, so that what it needs is compiled or loaded."""
+    tracker = Tracker(scene, belief)
+    body = int(scene.moving[0])
+    pose = np.concatenate([belief.mean[body, POSITION], belief.mean[body, QUATERNION]])
+    tracker.correct(horizon, {scene.bodies[body].name: PoseMeasurement(pose, np.full(6, 1e-3), "model")})
+    tracker.ahead([horizon])
+
+
+def _rows_of(places):
+    """Return the rows in a joint covariance of moving bodies by their places."""
+    return (ERROR * np.array(places, int)[:, None] + np.arange(ERROR)).ravel()
+
+
+def _limits(settings):
+    return SceneLimits(settings.max_objects, settings.max_spheres, settings.max_elements)
+
+
+def _first_pose(body):
+    """Return the belief about a prescribed body at the start of its path."""
+    state = body.trajectory.states[0]
+    return BodyBelief(position=state[POSITION], orientation=state[QUATERNION])
+
+
+def _place(model, measurement):
+    P = measurement.covariance[_OF_POSITION, _OF_POSITION]
+    return Place(model, measurement.pose[POSITION], P)
