@@ -1,6 +1,7 @@
 """Times that are no multiple of the time step: answered exactly, and without a trace in later answers."""
 
 import dataclasses
+import importlib
 import json
 
 import numpy as np
@@ -27,8 +28,8 @@ from unc_physics import (
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import InvalidHorizonError, InvalidRequestError
 from unc_physics.prediction.first_contacts import first_contacts
-from unc_physics.prediction.marks import mark_at, whole
 from unc_physics.propagators.registry import PROPAGATORS
+from unc_physics.scene.marks import mark_at, whole
 from unc_physics.scene.stiffness import with_stiffness
 
 DT = 1.0 / 240.0
@@ -255,6 +256,22 @@ def test_flights_later_are_those_without_the_question(case):
     for one, other in zip(plain, [asked[3], asked[4]], strict=True):
         for a, b in zip(one, other, strict=True):
             np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("std", [0.0, 0.1])
+def test_fifty_times_call_each_kernel_as_often_as_one(monkeypatch, std):
+    """A call costs as much as dozens of steps, and two for each time would cost more than the prediction."""
+    scene, belief = meeting(friction_std=std)
+    calls = []
+    for name in ("dynamics.rollout", "scene.parameters"):
+        module = importlib.import_module(f"unc_physics.{name}")
+        monkeypatch.setattr(module, "record", lambda *given, own=module.record: calls.append(own(*given)))
+    numbers = []
+    for times in (None, np.linspace(0.01, 0.5, 50)):
+        calls.clear()
+        predict(scene, belief, of("monte_carlo"), 0.5, times=times)
+        numbers.append(len(calls))
+    assert 0 < numbers[0] == numbers[1]
 
 
 def test_islands_between_two_steps_are_the_joint_run():

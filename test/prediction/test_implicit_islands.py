@@ -9,7 +9,7 @@ from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_p
 from unc_physics.collision.contact_search import NEAR
 from unc_physics.dynamics import contact_history as histories
 from unc_physics.prediction.islands import IslandRunner
-from unc_physics.prediction.marks import whole
+from unc_physics.scene.marks import whole
 
 TABLE = [Box(name="table", size=(1.2, 1.2, 0.05), position=(0, 0, -0.025)), Plane(name="floor", offset=-0.7)]
 BIN = [Plane(name="floor")] + [

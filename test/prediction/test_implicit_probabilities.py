@@ -22,7 +22,7 @@ from unc_physics import (
 )
 from unc_physics.prediction.events import ENVIRONMENT
 from unc_physics.prediction.first_contacts import first_contacts
-from unc_physics.prediction.marks import whole
+from unc_physics.scene.marks import whole
 
 
 @pytest.fixture(scope="module")

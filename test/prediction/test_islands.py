@@ -8,7 +8,7 @@ from example_scenes import two_bodies
 
 from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.prediction.islands import IslandRunner
-from unc_physics.prediction.marks import whole
+from unc_physics.scene.marks import whole
 from unc_physics.scene.scene_file import scene_from_dict
 
 ROUND_OFF = 1e-12

@@ -22,10 +22,10 @@ from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnosis import rollout_spreads
 from unc_physics.prediction.diagnostics import mean_pose_errors
 from unc_physics.prediction.evidence import Evidence, initial_diagnostics, spread_factors
-from unc_physics.prediction.marks import mark_at
 from unc_physics.prediction.status import assess, assess_all
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
 from unc_physics.scene.environment import Box, Plane
+from unc_physics.scene.marks import mark_at
 from unc_physics.scene.scene_file import scene_from_dict
 from unc_physics.spatial.moments import pose_spreads
 

@@ -92,15 +92,15 @@ def test_pieces_grow_with_what_was_spent_or_is_allowed_where_kernels_end_in_time
 
 def test_uncertain_parameters_are_predicted_in_few_pieces_that_are_looked_after(monkeypatch):
     """Each rollout of a piece is a call of its own, which takes as long as dozens of steps."""
-    pieces, looks, whole = [], [], rollouts.rollout_varied
+    pieces, looks, whole = [], [], rollouts.recorded_varied
 
-    def counted(states, history, scene, z, begin, steps):
-        pieces.append(steps)
-        whole(states, history, scene, z, begin, steps)
+    def counted(states, history, scene, z, begin, stops):
+        pieces.append(stops.steps[-1])
+        return whole(states, history, scene, z, begin, stops)
 
     scene, belief, propagator = uncertain_bricks()
     free = predict(scene, belief, propagator, 1.0)
-    monkeypatch.setattr(rollouts, "rollout_varied", counted)
+    monkeypatch.setattr(rollouts, "recorded_varied", counted)
     monkeypatch.setattr("unc_physics.prediction.driver.LOOK_UP_AFTER", 0.0)
     within = predict(
         scene,

@@ -27,7 +27,6 @@ from unc_physics import (
 )
 from unc_physics import BoxRegion as CoreRegion
 from unc_physics.checks.errors import ErrorCode, NotSupportedError, PredictionTimeoutError
-from unc_physics.prediction.marks import Mark
 from unc_physics.prediction.rank import rank_candidates
 from unc_physics.ros import Client as CoreClient
 from unc_physics.ros import candidates as node_candidates
@@ -36,6 +35,7 @@ from unc_physics.ros.messages.ranking import read_ranking
 from unc_physics.ros.messages.request import Query, read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
+from unc_physics.scene.marks import Mark
 from unc_physics_msgs.msg import (
     Action,
     AppliedWrench,

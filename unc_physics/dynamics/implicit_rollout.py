@@ -1,8 +1,17 @@
 """Rollouts of the implicit step, with workspaces that grow after an overflow."""
 
-from ..collision.implicit_workspace import NO_OVERFLOW, OVERFLOW, implicit_workspace, more_room
+from typing import NamedTuple
+
+import numpy as np
+
+from ..collision.implicit_workspace import CLEARANCE, NO_OVERFLOW, OVERFLOW, implicit_workspace, more_room
 from ..compiler import inner, kernel
+from ..compiler.arrays import integers
+from ..spatial.layout import Q
+from ..spatial.rotation import write_matrix
 from .implicit_step import integrate
+from .implicit_world import SolverMemory
+from .world import World
 
 #: Initial room of a workspace: contacts, candidates and pairs in lists.
 FIRST_ROOM = (64, 256, 2048)
@@ -97,6 +106,143 @@ _advance_plain = rollout_kernel(_no_method)
 @kernel
 def advance_implicit(states, first_time, memory, world, begin, steps):
     """Advance states (N, B, 13) and their `SolverMemory` in place."""
+    room, own = FIRST_ROOM, _with_step(world, world.dt, world.start, world.decay)
+    for n in range(len(states)):  # the type of world of `record_implicit`, so that the step compiles once
+        room = _advance_plain(states[n], first_time[n], memory, n, own, None, begin, steps, room)
+
+
+class Stops(NamedTuple):
+    """Times at which rollouts are recorded, ascending.
+
+    Attributes
+    ----------
+    steps : (T,) int64
+        Whole time steps before each, counted from the first step of the call.
+    rest : (T,) float64
+        Length of the shorter step that follows these [s]; 0 for none. It changes only what is recorded.
+    start, decay : (T,) float64
+        `World.start` and `World.decay` of the shorter step.
+    """
+
+    steps: np.ndarray
+    rest: np.ndarray
+    start: np.ndarray
+    decay: np.ndarray
+
+
+class Records(NamedTuple):
+    """States and histories of N rollouts at T stops; rollout n at stop t has row ``t N + n``.
+
+    Attributes
+    ----------
+    states : (T N, B, 13) float64
+    first_time : (T N, B, B + E) float32
+    memory : SolverMemory
+    rollouts : int
+        N.
+    """
+
+    states: np.ndarray
+    first_time: np.ndarray
+    memory: SolverMemory
+    rollouts: int
+
+
+@kernel
+def _attempt_stops(done, total, arguments, world, work, contacts):
+    """Advance a rollout and record it at its stops, from the stop ``done`` on; return the stops done."""
+    x, first_time, memory, n, begin, stops, records, place, counted = arguments
+    for t in range(done, total):
+        row = t * records.rollouts + place
+        for part in range(2):  # whole steps, and the shorter one from a copy, by one call of `integrate`
+            if part == 0:
+                y, first, kept, k = x, first_time, memory, n
+                steps, dt, start, decay = stops.steps[t] - counted[0], world.dt, world.start, world.decay
+            else:
+                _record(x, first_time, memory, n, row, records)
+                if stops.rest[t] == 0.0:
+                    continue
+                y, first, kept, k = records.states[row], records.first_time[row], records.memory, row
+                steps, dt, start, decay = 1, stops.rest[t], stops.start[t], stops.decay[t]
+            if steps > 0:
+                finished = integrate(
+                    y,
+                    first,
+                    kept.contact[k],
+                    kept.force[k],
+                    kept.count[k : k + 1],
+                    kept.rest_steps[k],
+                    kept.residual[k],
+                    kept.key[k],
+                    _with_step(world, dt, start, decay),
+                    None,
+                    begin + counted[0],
+                    steps,
+                    work,
+                )
+                if part == 0:
+                    counted[0] += finished
+                if finished < steps:
+                    return t
+            if part == 1:
+                _go_back(x, work)
+    return total
+
+
+@inner(noinline=True)
+def _record(x, first_time, memory, n, row, records):
+    """Write a rollout into its row."""
+    out, first, recorded = records.memory, records.first_time[row], records.states[row]
+    for i in range(len(x)):
+        for k in range(x.shape[1]):
+            recorded[i, k] = x[i, k]
+        for k in range(first.shape[1]):
+            first[i, k] = first_time[i, k]
+        if out.kept_overlap.shape[1] > 0:
+            for k in range(first.shape[1]):
+                out.kept_overlap[row, i, k] = memory.kept_overlap[n, i, k]
+        out.rest_steps[row, i], out.residual[row, i] = memory.rest_steps[n, i], memory.residual[n, i]
+    out.count[row], out.key[row] = memory.count[n], memory.key[n]
+    for m in range(out.contact.shape[1]):
+        for k in range(4):
+            out.contact[row, m, k], out.force[row, m, k] = memory.contact[n, m, k], memory.force[n, m, k]
+
+
+@kernel(noinline=True)
+def _with_step(world, dt, start, decay):
+    """Return a world with another time step."""
+    return World(
+        world.bodies,
+        world.tree,
+        world.gravity,
+        dt,
+        start,
+        decay,
+        world.stiffness,
+        world.stack_size,
+        world.environment,
+        world.implicit,
+    )
+
+
+@inner(noinline=True)
+def _go_back(x, work):
+    """Make a workspace fit for a state from before the last step; lists of spheres depend on poses only."""
+    for i in range(len(x)):
+        write_matrix((x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]), work.R, i)
+        work.numbers[i, CLEARANCE] = -np.inf
+
+
+_complete_stops = with_growing_room(_attempt_stops)
+
+
+@kernel
+def record_implicit(states, first_time, memory, world, begin, stops, records, place):
+    """Advance states (N, B, 13) and their `SolverMemory` in place, and record them at all stops.
+
+    ``place`` is the number of the first among the rollouts of the records.
+    """
     room = FIRST_ROOM
     for n in range(len(states)):
-        room = _advance_plain(states[n], first_time[n], memory, n, world, None, begin, steps, room)
+        arguments = states[n], first_time[n], memory, n, begin, stops, records, place + n, integers(1)
+        room = _complete_stops(states[n], memory.kept_overlap[n], world, arguments, len(stops.steps), room)

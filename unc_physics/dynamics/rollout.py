@@ -1,11 +1,13 @@
 """Rollouts of a batch of states: the only loop over samples."""
 
+import numpy as np
+
 from ..compiler import kernel
 from ..compiler.threads import in_threads
 from ..compiler.time_limit import limited
 from . import contact_history as histories
 from .explicit_step import integrate
-from .implicit_rollout import advance_implicit
+from .implicit_rollout import Records, advance_implicit, record_implicit
 from .workspace import workspace
 
 #: Body steps, over all samples, that take less time than starting another thread.
@@ -39,6 +41,64 @@ def rollout(states, contact_history, world, begin, steps):
         lambda some: advance(states[some], histories.samples(contact_history, some), world, begin, steps),
         fewest=_FEW_STEPS // each,
     )
+
+
+def recorded(states, contact_history, world, begin, stops):
+    """Return the states and histories of rollouts at each of several stops, as a list of pairs.
+
+    Parameters
+    ----------
+    states, contact_history, world, begin
+        As in `rollout`; states and history are advanced in place.
+    stops : Stops
+        The explicit step takes whole steps only.
+    """
+    if world.implicit is None:
+        found, done = [], 0
+        for steps in stops.steps.tolist():
+            rollout(states, contact_history, world, begin + done, steps - done)
+            found.append((states.copy(), histories.copy(contact_history)))
+            done = steps
+        return found
+    world, records = limited(world), new_records(states, contact_history, stops)
+
+    def run(some):
+        record(
+            states[some], histories.samples(contact_history, some), world, begin, stops, records, some.start
+        )
+
+    each = max(states.shape[1] * (int(stops.steps[-1]) + len(stops.steps)), 1)
+    if len(states) * each <= _FEW_STEPS:
+        run(slice(0, len(states)))
+    else:
+        in_threads(len(states), run, fewest=_FEW_STEPS // each)
+    return read_records(records, contact_history)
+
+
+def new_records(states, contact_history, stops):
+    """Return empty `Records` of rollouts of the implicit step."""
+    count = len(states) * len(stops.steps)
+    first, memory = contact_history.first_time, contact_history.solver
+    some = [np.empty((count, *values.shape[1:]), values.dtype) for values in (states, first, *memory)]
+    return Records(some[0], some[1], type(memory)(*some[2:]), len(states))
+
+
+def record(states, contact_history, world, begin, stops, records, place):
+    """Advance a batch in the calling thread, and record it; ``place`` is the first one's in the records."""
+    record_implicit(
+        states, contact_history.first_time, contact_history.solver, world, begin, stops, records, place
+    )
+
+
+def read_records(records, contact_history):
+    """Return the states and histories at each stop, as a list of pairs."""
+    found = []
+    for first in range(0, len(records.states), records.rollouts):
+        rows = slice(first, first + records.rollouts)
+        memory = type(records.memory)(*(values[rows] for values in records.memory))
+        history = contact_history._replace(first_time=records.first_time[rows], solver=memory)
+        found.append((records.states[rows], history))
+    return found
 
 
 def simulate(states, world, steps):

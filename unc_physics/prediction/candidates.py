@@ -15,11 +15,11 @@ from ..compiler.time_limit import time_limit
 from ..propagators.batch import advance_together
 from ..propagators.start import constrain_belief
 from ..scene.belief import Belief
+from ..scene.marks import Mark
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .compute_budget import ComputeBudget
 from .driver import belief_at_start, simulate, snapshot
-from .marks import Mark
 from .prediction import Prediction
 from .sequential_halving import SequentialHalving
 
@@ -139,22 +139,15 @@ class CandidateRollouts:
             pairs = zip(following.actions, counts, strict=True)
             return [self._begun(k, first, following.rollouts) for k, first in pairs]
 
-        def advance(carries, steps):
-            return advance_together(self._propagator, carries, scenes, steps)
+        def advance_through(carries, marks):
+            return advance_together(self._propagator, carries, scenes, marks)
 
         def show(done, steps):
             progress(self.halving.spent, self._budget)
 
         shown = None if progress is None else show
 
-        def finish(carries, mark):
-            if mark.rest == 0.0:
-                return carries
-            short = [scene.with_short_step(mark.steps, mark.rest) for scene in scenes]
-            finished = advance_together(self._propagator, carries, short, 1)
-            return [carry._replace(step=mark.fraction_of(scenes[0].dt)) for carry in finished]
-
-        run = simulate(begin, advance, finish, self._marks, scenes[0], compute_budget, shown)
+        run = simulate(begin, advance_through, self._marks, scenes[0], compute_budget, shown)
         reached = [carries for _, carries in run]
         return list(zip(*reached, strict=True))
 

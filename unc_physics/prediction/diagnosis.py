@@ -12,6 +12,7 @@ import numpy as np
 from ..compiler.compile_time import clock
 from ..propagators.balanced_monte_carlo import BalancedMonteCarlo
 from ..propagators.base import PointPairs, rollout_count
+from ..scene.marks import mark_at
 from ..spatial.layout import ERR_ANGULAR_VELOCITY
 from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus
@@ -19,7 +20,6 @@ from .compute_budget import ComputeBudget
 from .diagnostics import RULES, judged, measures_of
 from .driver import run, wide_states
 from .evidence import Evidence, initial_diagnostics
-from .marks import mark_at
 from .memory import check_memory
 from .probability import is_certain
 from .request_checks import check_supported

@@ -21,11 +21,11 @@ from ..propagators.registry import make_propagator
 from ..propagators.start import constrain_belief
 from ..scene.action_arrays import with_certain_actions, with_kinematic
 from ..scene.belief import Belief
+from ..scene.marks import Mark, whole
 from ..scene.scene import Scene
 from .compute_budget import LOOK_UP_AFTER, ComputeBudget, first_piece
 from .events import Event, RolloutOutcomes
 from .islands import IslandRunner
-from .marks import Mark, finish, whole
 from .probability import CONFIDENCE, interval
 from .rare_outcomes import WIDE_ROLLOUTS, tail_factor
 from .snapshot import Snapshot
@@ -51,8 +51,7 @@ class Run(NamedTuple):
 
 def simulate(
     begin: Callable[[], Any],
-    advance: Callable[[Any, int], Any],
-    finish: Callable[[Any, Mark], Any],
+    advance_through: Callable[[Any, list[Mark]], list[Any]],
     marks: list[Mark],
     scene: Scene,
     compute_budget: ComputeBudget,
@@ -64,10 +63,8 @@ def simulate(
     ----------
     begin : callable
         Makes the carry at time 0.
-    advance : callable
-        Takes a carry and a number of steps, and makes the carry after these.
-    finish : callable
-        Takes the carry after a mark's whole steps, which goes on from there, and makes the carry at the mark.
+    advance_through : callable
+        Takes a carry and marks, ascending, and makes the carries at these (`Propagator.advance_through`).
     marks : list of Mark
         Ascending.
     scene : Scene
@@ -105,22 +102,27 @@ def simulate(
 
     carry = complete(begin)
     yield whole(0, scene.dt), carry
-    piece = last if in_one_go else first_piece(scene)
-    for mark in marks:
-        while done < mark.steps:
-            steps, began = min(piece, mark.steps - done), clock()
-            try:
-                carry = complete(advance, carry, steps)
-                done += steps
-                if not in_one_go:
-                    piece = compute_budget.next_piece(steps, clock() - began, scene)
-                    tell()
-            except UncPhysicsError:
-                if done > shown:
-                    yield whole(done, scene.dt), carry
-                raise
-        shown = done
-        yield mark, complete(finish, carry, mark)
+    piece, coming = last if in_one_go else first_piece(scene), list(marks)
+    while coming:
+        steps, began = min(piece, coming[-1].steps - done), clock()
+        due = [mark for mark in coming if mark.steps <= done + steps]
+        coming = coming[len(due) :]
+        stops = due.copy()
+        if not due or due[-1] != whole(done + steps, scene.dt):
+            stops.append(whole(done + steps, scene.dt))  # from which the next piece goes on
+        try:
+            carries = complete(advance_through, carry, stops)
+            carry, done = carries[-1], done + steps
+            if not in_one_go:
+                piece = compute_budget.next_piece(max(steps, 1), clock() - began, scene)
+                tell()
+        except UncPhysicsError:
+            if done > shown:
+                yield whole(done, scene.dt), carry
+            raise
+        for mark, reached in zip(due, carries, strict=False):
+            shown = mark.steps
+            yield mark, reached
     if progress is not None and done < last:
         progress(last, last)
 
@@ -173,8 +175,7 @@ def run(
     try:
         for mark, carry in simulate(
             lambda: runner.init(scene, belief),
-            lambda carry, steps: runner.advance(carry, scene, steps),
-            runner.finish if in_islands else lambda carry, mark: finish(propagator, carry, scene, mark),
+            lambda carry, some: runner.advance_through(carry, scene, some),
             marks,
             scene,
             compute_budget,
@@ -292,8 +293,7 @@ def _with_additional_rollouts(propagator, scene, belief, initial, waiting, compu
                 partial(runner.init, scene, belief)
                 if again
                 else partial(propagator.init_rollouts, scene, belief, count, count + more),
-                lambda carry, steps, runner=runner: runner.advance(carry, scene, steps),
-                runner.finish if again else lambda carry, mark: finish(propagator, carry, scene, mark),
+                lambda carry, some, runner=runner: runner.advance_through(carry, scene, some),
                 marks,
                 scene,
                 compute_budget,

@@ -21,9 +21,9 @@ from ..dynamics.world import Bodies, World
 from ..propagators.start import constrain_belief, draw, resolve_initial_overlap
 from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
+from ..scene.marks import Mark
 from ..scene.parameters import draw_parameters, rollout_varied
 from ..scene.scene import Scene
-from .marks import Mark
 
 
 class Flights(NamedTuple):

@@ -28,9 +28,9 @@ from ..propagators.base import ClosedFormFlight, JointlySampledIslands, Samples
 from ..propagators.free_flight import Flight, course_of
 from ..propagators.joining import JointIsland, Part
 from ..scene.belief import Belief
+from ..scene.marks import Mark
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, VELOCITY
-from .marks import Mark, finish
 
 #: Standard deviations that bodies are kept apart by, and that uncertain parameters are thought to reach.
 SIGMAS = 5.0
@@ -182,7 +182,15 @@ class IslandRunner:
                 carry = self._close(carry)
         return carry
 
-    def finish(self, carry: IslandsCarry, mark: Mark) -> IslandsCarry:
+    def advance_through(self, carry: IslandsCarry, scene: Scene, marks: Sequence[Mark]) -> list[IslandsCarry]:
+        """The carry at each of several marks, ascending."""
+        found = []
+        for mark in marks:
+            carry = self.advance(carry, scene, mark.steps - carry.step)
+            found.append(self._finished(carry, mark))
+        return found
+
+    def _finished(self, carry, mark):
         """The carry at a mark, from that after its whole steps, which stays as it is."""
         if mark.rest == 0.0:
             return carry
@@ -194,7 +202,7 @@ class IslandRunner:
         carries = tuple(
             self._flown(island, part)
             if island.alone
-            else finish(self._propagator, island.carry, island.scene, mark)
+            else self._propagator.advance_through(island.carry, island.scene, [mark])[0]
             for island in islands
         )
         islands = tuple(

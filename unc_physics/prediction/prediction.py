@@ -13,10 +13,10 @@ from ..dynamics.contact_history import ContactHistory
 from ..plots.scene_picture import draw_prediction
 from ..propagators.base import Propagator
 from ..scene.belief import Belief
+from ..scene.marks import RESOLUTION
 from ..scene.scene import Scene
 from . import probability as probabilities
 from .events import Event, Touches
-from .marks import RESOLUTION
 from .predicted_body import Origin, PredictedBody, Trajectory
 from .simulated_scene import left_out
 from .snapshot import ContactTime, Probability, Snapshot

@@ -12,9 +12,9 @@ from ..checks.validation import positive
 from ..propagators.base import Propagator
 from ..propagators.registry import names_where
 from ..scene.environment import element_names
+from ..scene.marks import RESOLUTION, Mark, mark_at
 from ..scene.materials import Materials
 from ..scene.scene import Scene
-from .marks import RESOLUTION, Mark, mark_at
 
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000

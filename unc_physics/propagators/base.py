@@ -16,6 +16,7 @@ import numpy as np
 
 from ..dynamics import contact_history as histories
 from ..scene.belief import Belief
+from ..scene.marks import Mark
 from ..scene.scene import Scene
 from .free_flight import Flight
 from .joining import JointIsland, Part
@@ -113,6 +114,22 @@ class Propagator(ABC):
         For a time between two steps it is called for one step with `Scene.with_short_step`; the carry that it
         returns then is not advanced further, and its ``step`` becomes a fraction.
         """
+
+    def advance_through(self, carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[Any]:
+        """Return the carry at each of several marks, ascending; the given one stays as it is.
+
+        A carry at a mark that is no whole number of steps is not advanced further.
+        """
+        found = []
+        for mark in marks:
+            if mark.steps > carry.step:
+                carry = self.advance(carry, scene, mark.steps - carry.step)
+            at = carry
+            if mark.rest > 0.0:
+                at = self.advance(carry, scene.with_short_step(mark.steps, mark.rest), 1)
+                at = at._replace(step=mark.fraction_of(scene.dt))
+            found.append(at)
+        return found
 
     @abstractmethod
     def belief(self, carry: Any, scene: Scene) -> Belief:

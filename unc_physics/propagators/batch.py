@@ -10,14 +10,15 @@ import numpy as np
 
 from ..compiler.threads import in_threads, single_thread
 from ..compiler.time_limit import limit_here, under_limit
+from ..scene.marks import Mark
 from ..scene.scene import Scene
 from .base import rollout_count
 
 
 def advance_together(
-    propagator: Any, carries: Sequence[Any], scenes: Sequence[Scene], steps: int
-) -> list[Any]:
-    """Return the carries of several scenes after ``steps`` time steps (`Propagator.advance`).
+    propagator: Any, carries: Sequence[Any], scenes: Sequence[Scene], marks: Sequence[Mark]
+) -> list[list[Any]]:
+    """Return the carries of several scenes, for each of several marks (`Propagator.advance_through`).
 
     Each of numba's threads advances a part of all rollouts, which may be of more than one scene.
 
@@ -28,7 +29,7 @@ def advance_together(
     carries : sequence of NamedTuple
         After as many steps each.
     scenes : sequence of Scene
-    steps : int
+    marks : sequence of Mark
     """
     counts = [rollout_count(carry) for carry in carries]
     ends = np.cumsum(counts)
@@ -43,12 +44,15 @@ def advance_together(
                 continue
             some = propagator.select_rollouts(carries[k], slice(first - begin, last - begin))
             with under_limit(limit), single_thread():
-                advanced = propagator.advance(some, scenes[k], steps)
+                advanced = propagator.advance_through(some, scenes[k], marks)
             with lock:
                 parts[k].append((first, advanced))
 
     in_threads(int(ends[-1]), run)
-    return [_joined(propagator, own) for own in parts]
+    return [
+        [_joined(propagator, [(first, carries[m]) for first, carries in own]) for own in parts]
+        for m in range(len(marks))
+    ]
 
 
 def _joined(propagator, parts):

@@ -20,7 +20,6 @@ from .base import (
     SAMPLES_LIMIT,
     ClosedFormFlight,
     JointlySampledIslands,
-    Propagator,
     Rollouts,
     Samples,
     StandardErrors,
@@ -32,7 +31,7 @@ from .free_flight import flown
 from .joining import joined_history, joined_means
 from .options import option
 from .reduction import reduction, symmetric
-from .rollouts import advance_rollouts
+from .rollouts import SimulatedRollouts
 from .sobol import normal_points
 from .standard_errors import standard_errors, surface_errors
 from .start import resolve_initial_overlap
@@ -109,7 +108,7 @@ class CloudCarry(_Carry):
 
 
 @dataclass(frozen=True)
-class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlight):
+class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedFormFlight):
     """Quasi-random rollouts with a response surface.
 
     Attributes
@@ -178,9 +177,6 @@ class Cloud(Propagator, Samples, Rollouts, JointlySampledIslands, ClosedFormFlig
             simulated,
             size + extra,
         )
-
-    def advance(self, carry, scene, steps):
-        return advance_rollouts(carry, scene, steps)
 
     def belief(self, carry, scene):
         return belief_of(self._runs(carry), scene)

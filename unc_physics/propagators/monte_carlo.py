@@ -15,12 +15,12 @@ from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS, Scene
 from ..spatial.moments import mean_and_errors, second_moment, spread_states
-from .base import SAMPLES_LIMIT, JointlySampledIslands, Propagator, Rollouts, Samples, Supports, Traits
+from .base import SAMPLES_LIMIT, JointlySampledIslands, Rollouts, Samples, Supports, Traits
 from .free_flight import course_of
 from .joining import joined_history
 from .options import option
 from .reduction import common_covariance, moved_in_common, reduction, symmetric
-from .rollouts import advance_rollouts
+from .rollouts import SimulatedRollouts
 from .start import draw, resolve_initial_overlap
 
 
@@ -42,7 +42,7 @@ class MonteCarloCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MonteCarlo(Propagator, Samples, Rollouts, JointlySampledIslands):
+class MonteCarlo(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands):
     """Monte Carlo sampling.
 
     Attributes
@@ -130,9 +130,6 @@ class MonteCarlo(Propagator, Samples, Rollouts, JointlySampledIslands):
     def concatenate(self, carry, additional):
         common = np.concatenate([carry.common, additional.common])
         return super().concatenate(carry, additional)._replace(common=common)
-
-    def advance(self, carry, scene, steps):
-        return advance_rollouts(carry, scene, steps)
 
     def belief(self, carry, scene):
         mean, errors = mean_and_errors(self._model_centers(carry, scene), scene.moving.copy())

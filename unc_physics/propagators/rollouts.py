@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ..dynamics import contact_history as histories
-from ..dynamics.rollout import rollout
-from ..scene.parameters import rollout_varied
+from ..dynamics.rollout import recorded
+from ..scene.marks import Mark, whole
+from ..scene.parameters import recorded_varied
 from ..scene.scene import Scene
+from .base import Propagator
+
+
+class SimulatedRollouts(Propagator):
+    """A propagator whose rollouts are simulated, from a carry as below."""
+
+    def advance(self, carry, scene, steps):
+        return advance_rollouts(carry, scene, steps)
+
+    def advance_through(self, carry, scene, marks):
+        if type(self).advance is not SimulatedRollouts.advance:  # a simulator of its own
+            return super().advance_through(carry, scene, marks)
+        return recorded_rollouts(carry, scene, marks)
 
 
 def advance_rollouts(carry: Any, scene: Scene, steps: int) -> Any:
@@ -15,9 +30,21 @@ def advance_rollouts(carry: Any, scene: Scene, steps: int) -> Any:
 
     Its ``states`` (N, B, 13) are simulated, with its ``parameters`` (N, K) where the scene's are uncertain.
     """
+    return recorded_rollouts(carry, scene, [whole(carry.step + steps, scene.dt)])[0]
+
+
+def recorded_rollouts(carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[Any]:
+    """Return the carry at each of several marks, ascending (`base.Propagator.advance_through`).
+
+    Each rollout is simulated to all of them at once: a call of its own costs as much as dozens of steps.
+    """
     states, history = carry.states.copy(), histories.copy(carry.contact_history)
+    stops = scene.stops(carry.step, marks)
     if scene.uncertain:
-        rollout_varied(states, history, scene, carry.parameters, carry.step, steps)
+        found = recorded_varied(states, history, scene, carry.parameters, carry.step, stops)
     else:
-        rollout(states, history, scene.world, carry.step, steps)
-    return carry._replace(states=states, contact_history=history, step=carry.step + steps)
+        found = recorded(states, history, scene.world, carry.step, stops)
+    return [
+        carry._replace(states=states, contact_history=history, step=mark.fraction_of(scene.dt))
+        for mark, (states, history) in zip(marks, found, strict=True)
+    ]

@@ -17,12 +17,12 @@ from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERROR
 from ..spatial.moments import boxminus, mean_and_errors, second_moment, spread_states, symmetric_root
-from .base import ClosedFormFlight, Islands, PointPairs, Propagator, Supports, Traits
+from .base import ClosedFormFlight, Islands, PointPairs, Supports, Traits
 from .free_flight import course_of, flown
 from .joining import joined_history
 from .options import option
 from .reduction import common_covariance, reduction, symmetric
-from .rollouts import advance_rollouts
+from .rollouts import SimulatedRollouts
 from .start import resolve_initial_overlap
 
 
@@ -43,7 +43,7 @@ class SigmaPointCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SigmaPoints(Propagator, PointPairs, Islands, ClosedFormFlight):
+class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
     """Persistent sigma points.
 
     Attributes
@@ -92,9 +92,6 @@ class SigmaPoints(Propagator, PointPairs, Islands, ClosedFormFlight):
         states, history = resolve_initial_overlap(scene, belief, states)
         states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
         return SigmaPointCarry(states, history, 0, z, motion)
-
-    def advance(self, carry, scene, steps):
-        return advance_rollouts(carry, scene, steps)
 
     def belief(self, carry, scene):
         states = moved_along(carry.states, -center_offsets(scene, carry.parameters))

@@ -11,7 +11,8 @@ from ..compiler.threads import in_threads
 from ..compiler.time_limit import limit_here, limited
 from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
-from ..dynamics.rollout import advance
+from ..dynamics.implicit_rollout import Stops
+from ..dynamics.rollout import advance, new_records, read_records, record
 from ..dynamics.world import World
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..spatial.rotation import exp, rotation_matrix
@@ -121,20 +122,49 @@ def rollout_varied(
 ) -> None:
     """Advance a batch as in `dynamics.rollout.rollout`, with state n in the world of ``z[n]``."""
 
+    def one(own, world):
+        advance(states[own], histories.samples(contact_history, own), world, begin, steps)
+
+    _in_own_worlds(scene, z, one)
+
+
+def recorded_varied(
+    states: np.ndarray, contact_history: ContactHistory, scene: Scene, z: np.ndarray, begin: int, stops: Stops
+) -> list[tuple[np.ndarray, ContactHistory]]:
+    """Return states and histories at stops as in `dynamics.rollout.recorded`, likewise."""
+    if scene.integrator == "explicit":
+        found, done = [], 0
+        for steps in stops.steps.tolist():
+            rollout_varied(states, contact_history, scene, z, begin + done, steps - done)
+            found.append((states.copy(), histories.copy(contact_history)))
+            done = steps
+        return found
+    records = new_records(states, contact_history, stops)
+
+    def one(own, world):
+        some = histories.samples(contact_history, own)
+        record(states[own], some, world, begin, stops, records, own.start)
+
+    _in_own_worlds(scene, z, one)
+    return read_records(records, contact_history)
+
+
+def _in_own_worlds(scene, z, call):
+    """Call a function with the slice of each rollout and with its world."""
     limit = limit_here()
     worlds = _worlds(scene, z, limit)
 
     def run(some):
         for n in range(some.start, some.stop):
-            own, world = slice(n, n + 1), worlds.get(n)
+            world = worlds.get(n)
             if world is None:
                 world = limited(vary(scene, z[n]), limit)
                 if len(z) <= most:
                     worlds[n] = world
-            advance(states[own], histories.samples(contact_history, own), world, begin, steps)
+            call(slice(n, n + 1), world)
 
     most = _KEPT_WITH_PACKINGS if center_offsets(scene, z[:1]).size else _KEPT
-    in_threads(len(states), run, _FIRST_PART)
+    in_threads(len(z), run, _FIRST_PART)
 
 
 def _worlds(scene, z, computation) -> dict[int, World]:

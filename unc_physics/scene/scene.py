@@ -25,11 +25,13 @@ from ..collision import sphere_tree
 from ..collision.faces import of_scene
 from ..collision.hull import hull_columns
 from ..dynamics.actions import Actions
+from ..dynamics.implicit_rollout import Stops
 from ..dynamics.implicit_world import ImpactError, Implicit, rest_steps
 from ..dynamics.world import Bodies, Environment, World
 from .action_arrays import actions_of
 from .body import RigidBody, faces_of, hull_of, tree_of
 from .environment import Element, check_element, check_not_reserved, element_names
+from .marks import Mark
 from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
 from .physics_keys import PHYSICS_KEYS, check_integrator
 from .presets import EXACT_PRESETS, PRESETS, with_changes
@@ -450,6 +452,12 @@ class Scene:
             dt=rest, start=steps * (self.dt - rest), decay=math.exp(-self.damping * rest)
         )
         return short
+
+    def stops(self, begin: int, marks: Sequence[Mark]) -> Stops:
+        """Return the stops of rollouts that have done ``begin`` steps, at marks that are ascending."""
+        rest = np.array([mark.rest for mark in marks])
+        steps = np.array([mark.steps for mark in marks], np.int64)
+        return Stops(steps - begin, rest, steps * (self.dt - rest), np.exp(-self.damping * rest))
 
     def _environment(self) -> Environment | None:
         """Return environment, actions and gyroscopic term; None if there are none.

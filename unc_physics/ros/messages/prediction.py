@@ -33,7 +33,6 @@ from unc_physics_msgs.msg import Probability as ProbabilityMessage
 from ...checks.errors import DivergedError
 from ...prediction.body_status import BodyStatus, Status
 from ...prediction.events import Event, InRegion, Touches
-from ...prediction.marks import RESOLUTION, mark_at
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
 from ...prediction.snapshot import ContactTime, Probability, RemoteAnswers, Snapshot
@@ -41,6 +40,7 @@ from ...prediction.status import assess_all
 from ...propagators.base import Samples, rollout_count
 from ...propagators.modes import Mode, only_mode
 from ...scene.belief import Belief
+from ...scene.marks import RESOLUTION, mark_at
 from ...scene.origins import gaussian_at_origins
 from ...scene.parameters import moved_along
 from ...scene.physics_keys import PHYSICS_KEYS

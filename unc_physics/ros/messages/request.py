@@ -27,7 +27,6 @@ from ...checks.errors import (
 )
 from ...checks.validation import array, non_negative, positive
 from ...prediction.events import Event, InRegion, encounters, moving_names
-from ...prediction.marks import Mark
 from ...prediction.predict import predict
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
@@ -37,6 +36,7 @@ from ...propagators.names import ANYTIME
 from ...propagators.registry import PROPAGATORS, propagator_from_texts
 from ...scene.belief import Belief
 from ...scene.entries import at_field
+from ...scene.marks import Mark
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from ...spatial.layout import ERROR

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
-
-from ..scene.scene import Scene
+from typing import NamedTuple
 
 #: Times that differ by no more are the same time [s]: that of messages has whole nanoseconds.
 RESOLUTION = 1e-9
@@ -50,11 +48,3 @@ def mark_at(time: float, dt: float) -> Mark:
         return whole(nearest, dt)
     steps = math.floor(time / dt)
     return Mark(steps, time - steps * dt, time)
-
-
-def finish(propagator: Any, carry: Any, scene: Scene, mark: Mark) -> Any:
-    """Return the carry at a mark, from that after its whole steps, which stays as it is."""
-    if mark.rest == 0.0:
-        return carry
-    finished = propagator.advance(carry, scene.with_short_step(mark.steps, mark.rest), 1)
-    return finished._replace(step=mark.fraction_of(scene.dt))
