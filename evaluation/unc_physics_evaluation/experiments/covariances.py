@@ -15,10 +15,9 @@ from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, QUATERNION
 from unc_physics.spatial.rotation import rotation_matrix
 
-from ..everyday_cases import ACTION_CASES, BELIEFS, CASES, case
+from ..everyday_cases import ACTION_CASES, CASES, case
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
-from ..judgement import judge, rates
 from ..methods import MONTE_CARLO, label
 from ..results import Results
 
@@ -26,7 +25,7 @@ TITLE = "Covariances at rest, sliding, bouncing and rolling, and where a robot a
 SAMPLES, QUICK = 10_000, 2000
 TRUTH, HALVES, FLAGGED, TIGHT = "truth", ("first half", "second half"), "flagged", "tight"
 AXES = ("x", "y", "z", "rot x", "rot y", "rot z")
-WITHIN, FOUND, FALSE = 0.05, 0.95, 0.03
+WITHIN = 0.05
 #: Spreads below count as nothing [m], [rad]: a contact's own compliance, not the belief's.
 NOTHING = (5e-5, 1e-3)
 METHODS = [name for name in PROPAGATORS if name != MONTE_CARLO]
@@ -35,12 +34,11 @@ ACTING = [name for name in METHODS if "implicit" in PROPAGATORS[name].supports.a
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """One for each case and belief; only tight ones where a robot acts."""
+    """One for each case."""
     samples = QUICK if settings.quick else SAMPLES
-    given = [(name, belief) for name in CASES for belief in ([TIGHT] if settings.quick else BELIEFS)]
     return [
-        Job("covariances", settings.parameters(case=name, belief=belief, truth=samples), cost=samples * 2e-3)
-        for name, belief in [*given, *((name, TIGHT) for name in ACTION_CASES)]
+        Job("covariances", settings.parameters(case=name, belief=TIGHT, truth=samples), cost=samples * 2e-3)
+        for name in (*CASES, *ACTION_CASES)
     ]
 
 
@@ -81,11 +79,12 @@ def _rows(method, belief, samples, seed):
 
 
 def sections(results: Results) -> dict[str, list[Figure]]:
-    """Linearization's worst error with tight beliefs, and how its flags do with the others."""
+    """Linearization's worst error, and whether the status flags it."""
     rows = results.rows("covariances")
     tight, acting = [], []
     for name in rows.unique("case"):
-        here, methods = _stds(rows.where(case=name, belief=TIGHT), name), _methods(name)
+        some, methods = rows.where(case=name), _methods(name)
+        here = _stds(some, name)
         far, axis = max((_off(here["linearization"], here[TRUTH], k), AXES[k]) for k in range(6))
         floor = max(_off(here[HALVES[0]], here[HALVES[1]], k) for k in range(6)) / 2.0
         others = ", ".join(
@@ -93,29 +92,11 @@ def sections(results: Results) -> dict[str, list[Figure]]:
             for m in methods
             if m != "linearization"
         )
-        note = f"{axis}; sampling floor {100.0 * floor:.1f} %; {others}"
+        flagged = some.where(method="linearization", quantity=FLAGGED)[0]["value"]
+        note = f"{axis}; {'' if flagged else 'not '}flagged; sampling floor {100.0 * floor:.1f} %; {others}"
         figure = Figure("linearization, worst axis", name, 100.0 * far, "% off", 100.0 * WITHIN, True, note)
         (acting if name in ACTION_CASES else tight).append(figure)
-    flags = []
-    for method in METHODS:
-        judged = []
-        for name in CASES:
-            for belief in rows.unique("belief"):
-                some = rows.where(case=name, belief=belief)
-                here = _stds(some, name)
-                flagged = bool(some.where(method=method, quantity=FLAGGED)[0]["value"])
-                judged.append(judge(_pose(here[method]), _pose(here[TRUTH]), 0.1, flagged))
-        found = rates(judged)
-        note = f"{found.bad} bad, {found.good} good"
-        flags.append(
-            Figure("bad ones flagged", label(method, None), found.found_share, "", FOUND, False, note)
-        )
-        flags.append(Figure("good ones flagged", label(method, None), found.false_share, "", FALSE, True))
-    return {
-        "Tight beliefs": tight,
-        "Tight beliefs, where a robot acts": acting,
-        "Flags, all beliefs": [one for one in flags if one.value == one.value],
-    }
+    return {"Tight beliefs": tight, "Tight beliefs, where a robot acts": acting}
 
 
 def _stds(rows, name):
@@ -132,12 +113,6 @@ def _off(found, truth, k):
     if found[k] < nothing and truth[k] < nothing:
         return 0.0
     return abs(found[k] / max(truth[k], 1e-12) - 1.0)
-
-
-def _pose(stds):
-    """Spreads of position and rotation over all axes together, those of a contact's compliance being 0."""
-    whole = math.sqrt(float(np.sum(stds[:3] ** 2))), math.sqrt(float(np.sum(stds[3:] ** 2)))
-    return [value if value > nothing else 0.0 for value, nothing in zip(whole, NOTHING, strict=True)]
 
 
 verdict = goals_met_by(sections)
