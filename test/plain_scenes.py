@@ -28,7 +28,12 @@ def packing(name, centers, radii, inertia):
     )
 
 
-BALL = packing("ball", [[0, 0, 0]], [0.05], 0.4 * 0.05**2 * np.eye(3))
+def ball(radius):
+    """A packing of a single sphere, with the inertia of a solid one."""
+    return packing("ball", [[0, 0, 0]], [radius], 0.4 * radius**2 * np.eye(3))
+
+
+BALL = ball(0.05)
 _GRID = [(x, y, z) for x in np.arange(-3, 4) * 0.02 for y in np.arange(-2, 3) * 0.02 for z in (-0.01, 0.01)]
 BLOCK = packing(
     "block", _GRID, [0.01] * len(_GRID), np.diag([0.1**2 + 0.04**2, 0.14**2 + 0.04**2, 0.14**2 + 0.1**2]) / 12
@@ -44,6 +49,11 @@ PLATE = packing(  # far from a sphere's inertia
 def state(position=(0, 0, 0), velocity=(0, 0, 0), spin=(0, 0, 0), orientation=(0, 0, 0, 1)):
     """A state (13,)."""
     return np.concatenate([position, velocity, orientation, spin]).astype(float)
+
+
+def turned(*rotation_vector):
+    """Quaternion of a rotation vector [rad]."""
+    return Rotation.from_rotvec(rotation_vector).as_quat()
 
 
 def run(scene, x, time):

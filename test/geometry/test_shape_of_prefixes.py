@@ -84,10 +84,9 @@ def test_meshes_of_boxes_tip_at_half_their_width_over_the_height(name, degrees):
 
 
 @pytest.mark.parametrize("name", HOUSEHOLD)
-@pytest.mark.parametrize("count", [300, 1000])
-def test_household_models_keep_their_extent(name, count):
+def test_household_models_keep_their_extent(name):
     points, solid = corners_of(name)
-    packing = load_model(name, MODELS).prefix(count)
+    packing = load_model(name, MODELS).prefix(300)
     around = Rotation.random(1000, rng=np.random.default_rng(3)).apply([0.0, 0.0, 1.0])
     cross = np.cross(*(solid.corners[:, k] - solid.corners[:, 0] for k in (1, 2)))
     normals = cross / np.linalg.norm(cross, axis=1, keepdims=True)
@@ -99,7 +98,7 @@ def test_household_models_keep_their_extent(name, count):
 
 
 @pytest.mark.parametrize("name", HOUSEHOLD)
-@pytest.mark.parametrize("count", [300, 1000, None])
+@pytest.mark.parametrize("count", [300, None])
 def test_household_models_stand_flat(name, count):
     packing = load_model(name, MODELS)
     packing = packing.prefix(count or len(packing))

@@ -1,6 +1,7 @@
 """Nothing outside the propagators' folder names one but the default one, and class names are unique."""
 
 import ast
+import re
 from collections import Counter
 from pathlib import Path
 
@@ -77,6 +78,7 @@ def test_names_are_found():
 
 
 def test_class_names_are_unique():
-    trees = [ast.parse(path.read_text()) for path in ROOT.rglob("*.py")]
-    classes = [node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    texts = [path.read_text() for path in ROOT.rglob("*.py")]
+    classes = [name for text in texts for name in re.findall(r"^ *class (\w+)", text, re.MULTILINE)]
+    assert "RigidBody" in classes
     assert [name for name, count in Counter(classes).items() if count > 1] == []

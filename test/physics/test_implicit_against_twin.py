@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plain_scenes import BALL, BLOCK, PLATE, packing, state
+from plain_scenes import BALL, BLOCK, PLATE, packing, state, turned
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from twins import implicit_step as twin
@@ -215,10 +215,6 @@ class Stage:
             self.work.old_force[n] = force, 0.0, 0.0, 0.0
             self.work.link[n] = n + 1 if n + 1 < len(spheres) else -1
         self.work.head[i] = 0
-
-
-def turned(*rotation_vector):
-    return Rotation.from_rotvec(rotation_vector).as_quat()
 
 
 ELEMENTS = {

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from derivatives import CLOSE, assert_derivative_of_steps, derivative, difference
-from plain_scenes import BALL, BLOCK, packing, run, state
+from plain_scenes import BALL, BLOCK, packing, run, state, turned
 from scipy.spatial.transform import Rotation
 
 from unc_physics import RigidBody, Scene
@@ -24,10 +24,6 @@ CAN = packing("can", [(0, -0.05, 0), (0, 0.05, 0)], [0.03] * 2, np.diag([2.5e-3,
 
 def world(*bodies, environment=(FLOOR,), **physics):
     return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
-
-
-def turned(*rotation_vector):
-    return Rotation.from_rotvec(rotation_vector).as_quat()
 
 
 def ball(x=0.0, z=0.1, velocity=(1.0, 0.2, -0.5), spin=(3.0, -2.0, 5.0)):

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import pytest
 from example_scenes import parts_of
-from plain_scenes import BALL, BLOCK, PLATE, G, course, energy, lowest, run, sphere_centers, state
+from plain_scenes import BALL, BLOCK, PLATE, G, course, energy, lowest, run, sphere_centers, state, turned
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator
@@ -26,11 +26,6 @@ at_steps = pytest.mark.parametrize("dt", STEPS, ids=lambda dt: f"{round(1 / dt)}
 def world(*bodies, environment=(FLOOR,), **physics):
     """A robot's world: gravity, friction 0.5; no rebound unless asked for."""
     return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
-
-
-def turned(*rotation_vector):
-    """Quaternion of a rotation vector [rad]."""
-    return Rotation.from_rotvec(rotation_vector).as_quat()
 
 
 def depth_in(element, body, s):

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from plain_scenes import G, course, energy, lowest, packing, run, sphere_centers, state
+from plain_scenes import G, ball, course, energy, lowest, packing, run, sphere_centers, state, turned
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -25,20 +25,12 @@ from unc_physics.scene.environment import Box, Plane
 from unc_physics.scene.stiffness import with_stiffness
 
 
-def ball(radius):
-    return packing("ball", [[0, 0, 0]], [radius], 0.4 * radius**2 * np.eye(3))
-
-
 def ring(radius, tube, count, heights=(0.0,)):
     """Centres of spheres around the z axis at some heights, and their radii."""
     angle = 2.0 * np.pi * np.arange(count) / count
     around = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle])
     centers = np.concatenate([around + (0.0, 0.0, z) for z in heights])
     return centers, np.full(len(centers), tube)
-
-
-def turned(*rotation_vector):
-    return Rotation.from_rotvec(rotation_vector).as_quat()
 
 
 # -- what passes without touching --------------------------------------------------------------------
@@ -57,7 +49,7 @@ def through_a_hole(free, dt, aside=0.0):
     return run(scene, state((aside, 0, 0.06)), 0.2)[0]
 
 
-@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000, 1 / 2000])
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 2000])
 @pytest.mark.parametrize("free", [5e-5, 1e-4, 2.5e-4, 5e-4, 6e-4, 1e-3])
 def test_a_ball_falls_freely_through_a_hole(free, dt):
     for aside in (0.0, 0.5 * free):
@@ -118,7 +110,7 @@ def down_an_incline(count, degrees, dt=1 / 240, time=0.4):
     return x[3:6] @ down / (G * math.sin(angle) / (1.0 + inertia) * time)
 
 
-@pytest.mark.parametrize("count", [300, 1000, 4000])
+@pytest.mark.parametrize("count", [300, 4000])
 def test_a_can_rolls_on(count):
     assert 0.97 <= rolled(count, 1 / 240) <= 1.005
     assert 0.99 <= rolled(count, 1 / 1000) <= 1.005
@@ -129,9 +121,7 @@ def test_smooth_rims_roll_on(dt):
     assert 0.99 <= rolled(None, dt) <= 1.005
 
 
-@pytest.mark.parametrize(
-    "count, degrees", [(None, 2), (None, 5), (None, 10), (None, 17), (4000, 5), (4000, 10), (4000, 17)]
-)
+@pytest.mark.parametrize("count, degrees", [(None, 2), (None, 17), (4000, 5), (4000, 17)])
 def test_a_can_rolls_down_an_incline(count, degrees):
     """With ``g sin(angle) / (1 + I / (m r^2))``."""
     assert down_an_incline(count, degrees) == pytest.approx(1.0, abs=0.03)
@@ -393,7 +383,7 @@ def test_many_cubes_come_to_rest_and_converge():
 # -- long times --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate", [60, 120, 240])
+@pytest.mark.parametrize("rate", [60, 240])
 def test_what_falls_ends_on_the_floor(rate):
     """150 salt boxes, each alone, at random orientations; no sphere ends deeper than 0.1 mm."""
     model, rng = load_model("salt_box").prefix(500), np.random.default_rng(0)

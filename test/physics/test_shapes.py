@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from plain_scenes import BALL
 from scipy.spatial.transform import Rotation
 from twins import shapes as twin
 
@@ -14,20 +15,10 @@ from unc_physics.checks.errors import InvalidEnvironmentError, InvalidOrientatio
 from unc_physics.collision import shapes
 from unc_physics.collision.element_contacts import cap
 from unc_physics.dynamics.rollout import simulate
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.plots.scene_picture import outermost, outline
 from unc_physics.scene.environment import ELEMENTS, Box, Capsule, Cylinder, Element, Plane, Sphere
 
 ROUND_OFF = 1e-12
-BALL = SpherePacking(
-    name="ball",
-    centers=np.zeros((1, 3)),
-    radii=np.array([0.05]),
-    inertia=0.4 * 0.05**2 * np.eye(3),
-    volume=1e-3,
-    origin=np.zeros(3),
-    bounding_radius=0.05,
-)
 HALF = np.array([0.3, 0.2, 0.5])
 #: One element of each kind about the origin, its twin, and points all over its surface.
 KNOWN = {

@@ -7,22 +7,19 @@ import numpy as np
 import pytest
 import yaml
 from example_scenes import CONTENTS
+from plain_scenes import ball
 
 from unc_physics import Plane, RigidBody, Scene, Touches, assess, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import NotSupportedError
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.prediction.events import ENVIRONMENT
 from unc_physics.prediction.request_checks import check_supported
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.parameters import vary
 from unc_physics.scene.physics_summary import physics_as_text, physics_of
-from unc_physics.scene.stiffness import rest_stiffness
 
 R = 0.03  # m, the ball's radius
-BALL = SpherePacking(
-    "ball", np.zeros((1, 3)), np.array([R]), 0.4 * R**2 * np.eye(3), 1e-4, np.zeros(3), bounding_radius=R
-)
+BALL = ball(R)
 G = 9.81
 
 
@@ -33,15 +30,6 @@ def state(*position, velocity=(0.0, 0.0, 0.0)):
 
 def on_floor(*bodies, floor=None, **options):
     return Scene.everyday(bodies, exact=True, environment=[floor or Plane(name="floor")], **options)
-
-
-def sampled(scene, mean, time, samples=100):
-    return predict(
-        scene,
-        Belief.exact(np.atleast_2d(mean), scene.moving),
-        make_propagator("monte_carlo", samples=samples, seed=3),
-        time,
-    )
 
 
 # -- materials ---------------------------------------------------------------------------------------
@@ -84,32 +72,6 @@ def test_restitution_is_the_geometric_mean_of_the_partners(own, floor, expected)
     assert end[5] == pytest.approx(expected, rel=0.02, abs=0.02)
 
 
-def test_uncertain_friction_spreads_a_slide_s_deceleration():
-    mu, std, speed, time = 0.4, 0.02, 2.0, 0.05  # a time in which a ball does not yet roll
-    for scene in (
-        on_floor(RigidBody("ball", BALL, 1.0), friction=mu, friction_std=std),
-        on_floor(
-            RigidBody("ball", BALL, 1.0, friction=mu, friction_std=2.0 * std),
-            friction=None,
-            floor=Plane(friction=mu),
-        ),
-    ):
-        prediction = sampled(scene, state(0, 0, R, velocity=(speed, 0, 0)), time)
-        factor = np.exp(
-            prediction.carry.parameters[:, 0] * std / mu
-        )  # half of the ball's own, by the geometric mean
-        lost = speed - prediction.carry.states[:, 0, 3]
-        np.testing.assert_allclose(lost / lost.mean(), factor / factor.mean(), rtol=2e-3)
-        assert lost.std() > 0.0
-
-
-def test_uncertain_restitution_is_what_an_impact_gives_back():
-    scene = on_floor(RigidBody("ball", BALL, 1.0), gravity=None, restitution=0.6, restitution_std=0.1)
-    prediction = sampled(scene, state(0, 0, R + 0.01, velocity=(0, 0, -1)), 0.1)
-    expected = np.clip(0.6 + 0.1 * prediction.carry.parameters[:, 0], 0.0, 1.0)
-    np.testing.assert_allclose(prediction.carry.states[:, 0, 5], expected, rtol=0.02)
-
-
 def test_the_kernels_get_the_varied_materials():
     bodies = [RigidBody("a", BALL, 1.0, friction=0.4, friction_std=0.05), RigidBody("b", BALL, 1.0)]
     scene = replace(on_floor(*bodies, restitution_std=0.05), stiffness=1e9)
@@ -120,15 +82,7 @@ def test_the_kernels_get_the_varied_materials():
     np.testing.assert_allclose(world.implicit.restitution, [0.15, 0.15, 0.15])
 
 
-# -- stiffness ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("mass", [0.1, 0.5, 5.0])
-def test_what_rests_sinks_in_by_less_than_a_tenth_of_a_millimetre(mass):
-    scene = on_floor(RigidBody("ball", BALL, mass))
-    prediction = predict(scene, Belief.exact([state(0, 0, R)]), "sigma_points", 1.0)
-    assert prediction.scene.stiffness == rest_stiffness(scene.bodies, [state(0, 0, R)], scene.gravity)
-    assert 0.0 < R - prediction.belief.mean[0, 2] < 1e-4
+# -- answers ------------------------------------------------------------------------------------------
 
 
 def test_statuses_and_probabilities_take_the_scene_as_it_was_given():

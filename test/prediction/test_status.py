@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 import yaml
 from example_scenes import two_bodies
-from plain_scenes import BLOCK, G, lowest, state
+from plain_scenes import BALL, BLOCK, G, lowest, state
 from twins.states import boxminus
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.__main__ import main
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.prediction import diagnostics
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnosis import rollout_spreads
@@ -31,15 +30,6 @@ from unc_physics.spatial.moments import pose_spreads
 
 NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
 NOMINAL = ("linearization", "surrogate", "local_sampling")
-BALL = SpherePacking(
-    name="ball",
-    centers=np.zeros((1, 3)),
-    radii=np.array([0.05]),
-    inertia=0.4 * 0.05**2 * np.eye(3),
-    volume=5e-4,
-    origin=np.zeros(3),
-    bounding_radius=0.05,
-)
 
 
 def balls(*positions, velocity=(0, 0, 0), std=0.001):

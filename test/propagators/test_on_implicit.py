@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain_scenes import BALL
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.geometry.packing_file import SpherePacking
@@ -21,15 +22,6 @@ from unc_physics.spatial.layout import (
 from unc_physics.spatial.rotation import rotation_matrix
 
 NOMINAL = ("linearization", "surrogate", "local_sampling")
-BALL = SpherePacking(
-    name="ball",
-    centers=np.zeros((1, 3)),
-    radii=np.array([0.05]),
-    inertia=0.4 * 0.05**2 * np.eye(3),
-    volume=5e-4,
-    origin=np.zeros(3),
-    bounding_radius=0.05,
-)
 _X, _Y = np.meshgrid(np.linspace(-0.04, 0.04, 3), np.linspace(-0.03, 0.03, 3))
 SLAB = SpherePacking(
     name="slab",

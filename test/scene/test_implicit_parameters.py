@@ -4,17 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain_scenes import ball
 
 from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.dynamics import contact_history as histories
 from unc_physics.dynamics.rollout import rollout
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.parameters import vary
 
 R, G = 0.03, 9.81
-BALL = SpherePacking(
-    "ball", np.zeros((1, 3)), np.array([R]), 0.4 * R**2 * np.eye(3), 1e-4, np.zeros(3), bounding_radius=R
-)
+BALL = ball(R)
 FLOOR = Plane(name="floor")
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from example_scenes import CONTENTS
+from plain_scenes import ball
 
 from unc_physics import Box, Plane, RigidBody, Scene, auto_stiffness, predict
 from unc_physics.checks.errors import InvalidOptionError, InvalidRequestError, LimitExceededError
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.parameters import vary_materials
 from unc_physics.scene.physics_summary import physics_as_text, physics_of
 from unc_physics.scene.presets import EXACT_PRESETS, PRESETS
@@ -15,15 +15,7 @@ from unc_physics.scene.scene_file import scene_from_dict
 from unc_physics.scene.stiffness import REST_DEPTH, rest_stiffness, with_stiffness
 
 DOWN = (0.0, 0.0, -9.81)
-BALL = SpherePacking(
-    "ball",
-    np.zeros((1, 3)),
-    np.array([0.03]),
-    0.4 * 0.03**2 * np.eye(3),
-    1e-4,
-    np.zeros(3),
-    bounding_radius=0.03,
-)
+BALL = ball(0.03)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from unc_physics.scene.environment import Plane
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted((ROOT / "examples" / "scenes").glob("*.yaml"))
-HORIZON = 0.2  # s
+HORIZON = 0.05  # s
 
 
 def test_there_are_scenes():

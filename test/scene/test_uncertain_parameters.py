@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from unc_physics import make_propagator, predict
-from unc_physics.checks.errors import (
-    InvalidMassError,
-    InvalidRequestError,
-    NotSupportedError,
-    UncPhysicsError,
-)
+from unc_physics.checks.errors import NotSupportedError
 from unc_physics.collision.sphere_tree import EMPTY
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
@@ -200,34 +195,3 @@ def test_zero_is_none_and_costs_nothing(loaded):
     for propagator in (make_propagator("sigma_points"), make_propagator("monte_carlo", samples=20)):
         a, b = (predict(s, belief, propagator, 1.0).carry for s in (scene, same))
         assert np.array_equal(a.states, b.states)
-
-
-@pytest.mark.parametrize(
-    "options, field",
-    [
-        ({"friction_std": 0.1}, "friction_std"),
-        ({"restitution_std": 0.1}, "restitution_std"),
-        ({"gravity_direction_std": 0.1}, "gravity_direction_std"),
-        ({"stiffness_std": -1.0}, "stiffness_std"),
-        ({"stiffness_std": float("nan")}, "stiffness_std"),
-        ({"restitution": 0.5, "restitution_std": 2.0}, "restitution_std"),
-        ({"gravity": [0.0, 0.0, -9.81], "gravity_direction_std": 7.0}, "gravity_direction_std"),
-    ],
-)
-def test_bad_standard_deviations_of_scenes_are_named(model, options, field):
-    with pytest.raises(UncPhysicsError, match=field):
-        Scene([RigidBody("a", model, 1.0)], **options)
-
-
-@pytest.mark.parametrize(
-    "options, error, field",
-    [
-        ({"mass_std": 2.0}, InvalidMassError, "mass_std of body 'a'"),
-        ({"mass_std": -0.1}, InvalidMassError, "mass_std of body 'a'"),
-        ({"center_of_mass_std": [0.1, 0.2]}, InvalidRequestError, "center_of_mass_std of body 'a'"),
-        ({"center_of_mass_std": -0.1}, InvalidRequestError, "center_of_mass_std of body 'a'"),
-    ],
-)
-def test_bad_standard_deviations_of_bodies_are_named(model, options, error, field):
-    with pytest.raises(error, match=field):
-        RigidBody("a", model, 1.0, **options)
