@@ -43,6 +43,15 @@ def changed(path, value):
     return request
 
 
+def wrong(path, value, code):
+    return changed(path, value), code, path
+
+
+def wrong_physics(code, **value):
+    (key,) = value
+    return physics(**value), code, f"physics.{key}"
+
+
 def with_option(*pairs, **others):
     options = [KeyValue(key=key, value=value) for key, value in pairs]
     return good_request(propagator_options=options, **others)
@@ -139,35 +148,23 @@ def duplicate():
 BAD = {
     "no objects": (request_of(), "NO_OBJECTS", "scene.objects"),
     "duplicate id": (duplicate(), "DUPLICATE_ID", "@.id"),
-    "empty id": (changed("@.id", ""), "INVALID_REQUEST", "@.id"),
-    "unknown model": (changed("@.model", "Döner 🥙"), "UNKNOWN_MODEL", "@.model"),
+    "empty id": wrong("@.id", "", "INVALID_REQUEST"),
+    "unknown model": wrong("@.model", "Döner 🥙", "UNKNOWN_MODEL"),
     "model by path": (changed("@.model", "/tmp/model.npz"), "UNKNOWN_MODEL", "@.model must be a name"),
-    "too few spheres": (changed("@.spheres", 4_000_000_000), "INVALID_MODEL", "@.spheres"),
-    "negative scale": (changed("@.scale", -1.0), "INVALID_MODEL", "@.scale"),
-    "unknown propagator": (changed("propagator", "crystal_ball"), "UNKNOWN_PROPAGATOR", "propagator"),
+    "too few spheres": wrong("@.spheres", 4_000_000_000, "INVALID_MODEL"),
+    "negative scale": wrong("@.scale", -1.0, "INVALID_MODEL"),
+    "unknown propagator": wrong("propagator", "crystal_ball", "UNKNOWN_PROPAGATOR"),
     "NaN position": (changed("@.pose.position.x", NAN), "NOT_FINITE", "@.pose.position"),
     "infinite velocity": (changed("@.twist.linear.y", INF), "NOT_FINITE", "@.twist.linear"),
     "NaN spin": (changed("@.twist.angular.z", NAN), "NOT_FINITE", "@.twist.angular"),
     "NaN orientation": (changed("@.pose.orientation.w", NAN), "NOT_FINITE", "orientation"),
-    "NaN covariance": (
-        changed("@.belief.pose_covariance", np.full(36, NAN)),
-        "NOT_FINITE",
-        "@.belief.pose_covariance",
-    ),
-    "NaN mass": (changed("@.mass", NAN), "NOT_FINITE", "@.mass"),
-    "NaN scale": (changed("@.scale", NAN), "NOT_FINITE", "@.scale"),
+    "NaN covariance": wrong("@.belief.pose_covariance", np.full(36, NAN), "NOT_FINITE"),
+    "NaN mass": wrong("@.mass", NAN, "NOT_FINITE"),
+    "NaN scale": wrong("@.scale", NAN, "NOT_FINITE"),
     "quaternion of zeros": (changed("@.pose.orientation.w", 0.0), "INVALID_ORIENTATION", "orientation"),
     "long quaternion": (changed("@.pose.orientation.x", 0.1), "INVALID_ORIENTATION", "orientation"),
-    "asymmetric": (
-        changed("@.belief.pose_covariance", lopsided()),
-        "INVALID_COVARIANCE",
-        "@.belief.pose_covariance",
-    ),
-    "indefinite": (
-        changed("@.belief.twist_covariance", indefinite()),
-        "INVALID_COVARIANCE",
-        "@.belief.twist_covariance",
-    ),
+    "asymmetric": wrong("@.belief.pose_covariance", lopsided(), "INVALID_COVARIANCE"),
+    "indefinite": wrong("@.belief.twist_covariance", indefinite(), "INVALID_COVARIANCE"),
     "negative variance": (
         changed("@.belief.pose_covariance", -2.0 * diagonal(*[1.0] * 6)),
         "INVALID_COVARIANCE",
@@ -183,18 +180,14 @@ BAD = {
         "INVALID_REQUEST",
         "max_computation_time.nanosec",
     ),
-    "zero horizon": (changed("horizon", Duration()), "INVALID_HORIZON", "horizon"),
-    "negative horizon": (changed("horizon", Duration(sec=-1)), "INVALID_HORIZON", "horizon"),
+    "zero horizon": wrong("horizon", Duration(), "INVALID_HORIZON"),
+    "negative horizon": wrong("horizon", Duration(sec=-1), "INVALID_HORIZON"),
     "horizon below an explicit step": (
         explicit(changed("horizon", Duration(nanosec=1000))),
         "INVALID_HORIZON",
         "horizon",
     ),
-    "negative period": (
-        changed("trajectory_period", Duration(sec=-1, nanosec=500_000_000)),
-        "INVALID_HORIZON",
-        "trajectory_period",
-    ),
+    "negative period": wrong("trajectory_period", Duration(sec=-1, nanosec=500_000_000), "INVALID_HORIZON"),
     "period below an explicit step": (
         explicit(changed("trajectory_period", Duration(nanosec=2_000_000))),
         "INVALID_HORIZON",
@@ -216,24 +209,16 @@ BAD = {
         "INVALID_HORIZON",
         "times[0]",
     ),
-    "negative mass": (changed("@.mass", -1.0), "INVALID_MASS", "@.mass"),
-    "horizon over the limit": (changed("horizon", Duration(sec=100_000)), "LIMIT_EXCEEDED", "horizon"),
-    "samples over the limit": (changed("samples", 1_000_000), "LIMIT_EXCEEDED", "samples"),
+    "negative mass": wrong("@.mass", -1.0, "INVALID_MASS"),
+    "horizon over the limit": wrong("horizon", Duration(sec=100_000), "LIMIT_EXCEEDED"),
+    "samples over the limit": wrong("samples", 1_000_000, "LIMIT_EXCEEDED"),
     "samples over the limit, by option": (
         with_option(("samples", "1000000"), propagator="monte_carlo"),
         "LIMIT_EXCEEDED",
         "samples",
     ),
-    "returned samples over the limit": (
-        changed("return_samples", 4_000_000_000),
-        "LIMIT_EXCEEDED",
-        "return_samples",
-    ),
-    "states over the limit": (
-        changed("trajectory_period", Duration(nanosec=1000)),
-        "LIMIT_EXCEEDED",
-        "trajectory_period",
-    ),
+    "returned samples over the limit": wrong("return_samples", 4_000_000_000, "LIMIT_EXCEEDED"),
+    "states over the limit": wrong("trajectory_period", Duration(nanosec=1000), "LIMIT_EXCEEDED"),
     "steps over the limit": (physics(dt=1e-9), "LIMIT_EXCEEDED", "horizon"),
     "too many objects": (
         request_of(*[moving_object(str(k)) for k in range(101)]),
@@ -245,11 +230,7 @@ BAD = {
         "LIMIT_EXCEEDED",
         "bytes",
     ),
-    "negative time limit": (
-        changed("max_computation_time", Duration(sec=-1)),
-        "INVALID_REQUEST",
-        "max_computation_time",
-    ),
+    "negative time limit": wrong("max_computation_time", Duration(sec=-1), "INVALID_REQUEST"),
     "unknown option": (with_option(("colour", "red")), "INVALID_OPTION", "colour"),
     "option without a name": (
         with_option(("", "x")),
@@ -268,33 +249,21 @@ BAD = {
         "INVALID_OPTION",
         "propagator_options[1].key",
     ),
-    "zero time step": (physics(dt=0.0), "INVALID_HORIZON", "physics.dt"),
-    "NaN time step": (physics(dt=NAN), "NOT_FINITE", "physics.dt"),
-    "NaN stiffness": (physics(stiffness=NAN), "NOT_FINITE", "physics.stiffness"),
-    "negative stiffness": (physics(stiffness=-2.0), "INVALID_OPTION", "physics.stiffness"),
-    "infinite gravity": (physics(gravity=(0.0, 0.0, INF)), "NOT_FINITE", "physics.gravity"),
-    "negative damping": (physics(damping=-1.0), "INVALID_OPTION", "physics.damping"),
-    "unknown frame": (changed("scene.header.frame_id", "camera"), "UNKNOWN_FRAME", "scene.header.frame_id"),
-    "negative deviation of the mass": (
-        changed("@.belief.mass_std", -0.1),
-        "INVALID_COVARIANCE",
-        "@.belief.mass_std",
-    ),
-    "NaN deviation of the centre of mass": (
-        changed("@.belief.center_of_mass_std.z", NAN),
-        "NOT_FINITE",
-        "@.belief.center_of_mass_std.z",
-    ),
+    "zero time step": wrong_physics("INVALID_HORIZON", dt=0.0),
+    "NaN time step": wrong_physics("NOT_FINITE", dt=NAN),
+    "NaN stiffness": wrong_physics("NOT_FINITE", stiffness=NAN),
+    "negative stiffness": wrong_physics("INVALID_OPTION", stiffness=-2.0),
+    "infinite gravity": wrong_physics("NOT_FINITE", gravity=(0.0, 0.0, INF)),
+    "negative damping": wrong_physics("INVALID_OPTION", damping=-1.0),
+    "unknown frame": wrong("scene.header.frame_id", "camera", "UNKNOWN_FRAME"),
+    "negative deviation of the mass": wrong("@.belief.mass_std", -0.1, "INVALID_COVARIANCE"),
+    "NaN deviation of the centre of mass": wrong("@.belief.center_of_mass_std.z", NAN, "NOT_FINITE"),
     "negative shared error": (
         changed("scene.common_pose_std", [0.0] * 5 + [-0.1]),
         "INVALID_COVARIANCE",
         "scene.common_pose_std[5]",
     ),
-    "NaN shared error": (
-        changed("scene.common_pose_std", [NAN] + [0.0] * 5),
-        "NOT_FINITE",
-        "scene.common_pose_std",
-    ),
+    "NaN shared error": wrong("scene.common_pose_std", [NAN] + [0.0] * 5, "NOT_FINITE"),
     "NaN origin of a shared error": (
         changed("scene.common_pose_origin.z", NAN),
         "NOT_FINITE",
@@ -308,7 +277,7 @@ BAD = {
     "at rest and moving": (at_rest(), "INVALID_REQUEST", "@.twist.linear"),
     "at rest and turning": (at_rest(speed=0.0, spin=0.1), "INVALID_REQUEST", "@.twist.angular"),
     "at rest and fixed": (at_rest(fixed=True), "INVALID_REQUEST", "@.at_rest"),
-    "no way with overlap": (physics(overlap="push"), "INVALID_OPTION", "physics.overlap"),
+    "no way with overlap": wrong_physics("INVALID_OPTION", overlap="push"),
     "overlap rejected by sigma points": (physics(overlap="reject"), "NOT_SUPPORTED", "overlap"),
     "overlap projected with the explicit step": (
         explicit(physics(overlap="project")),
@@ -316,30 +285,22 @@ BAD = {
         "physics.overlap",
     ),
     "negative friction": (physics(friction=-0.5), "INVALID_OPTION", "physics.friction must not be"),
-    "restitution above 1": (physics(restitution=1.5), "INVALID_OPTION", "physics.restitution"),
-    "no integrator": (physics(integrator="magic"), "INVALID_OPTION", "physics.integrator"),
+    "restitution above 1": wrong_physics("INVALID_OPTION", restitution=1.5),
+    "no integrator": wrong_physics("INVALID_OPTION", integrator="magic"),
     "an integrator that is no more": (physics(integrator="robust"), "INVALID_OPTION", "'implicit'"),
     "friction with the explicit step": (
         physics(integrator="explicit"),
         "INVALID_OPTION",
         "physics.friction needs 'integrator: implicit', which the preset 'everyday' has",
     ),
-    "no preset": (physics(preset="lunar"), "INVALID_OPTION", "physics.preset"),
+    "no preset": wrong_physics("INVALID_OPTION", preset="lunar"),
     "uncertain friction without friction": (
         physics(friction_std=0.1, friction=0.0),
         "INVALID_OPTION",
         "physics.friction_std",
     ),
-    "friction more uncertain than it is": (
-        physics(friction_std=0.9),
-        "INVALID_OPTION",
-        "physics.friction_std",
-    ),
-    "an uncertain stiffness that is chosen": (
-        physics(stiffness_std=1e3),
-        "INVALID_OPTION",
-        "physics.stiffness_std",
-    ),
+    "friction more uncertain than it is": wrong_physics("INVALID_OPTION", friction_std=0.9),
+    "an uncertain stiffness that is chosen": wrong_physics("INVALID_OPTION", stiffness_std=1e3),
     "negative friction of an object": (object_of(friction=-1.0), "INVALID_REQUEST", "@.material.friction"),
     "NaN restitution of an object": (object_of(restitution=NAN), "NOT_FINITE", "@.material.restitution"),
     "uncertain restitution of an object that has none": (
@@ -362,23 +323,15 @@ BAD = {
         "INVALID_OPTION",
         "#.material.friction",
     ),
-    "no kind of object": (changed("@.kind", 9), "INVALID_REQUEST", "@.kind"),
+    "no kind of object": wrong("@.kind", 9, "INVALID_REQUEST"),
     "a model without mass": (massless(), "INVALID_MASS", "@.mass"),
-    "a whole covariance of another size": (
-        changed("@.belief.covariance", packed(np.eye(6))),
-        "INVALID_COVARIANCE",
-        "@.belief.covariance",
+    "a whole covariance of another size": wrong(
+        "@.belief.covariance", packed(np.eye(6)), "INVALID_COVARIANCE"
     ),
-    "a whole covariance that is none": (
-        changed("@.belief.covariance", packed(-np.eye(12))),
-        "INVALID_COVARIANCE",
-        "@.belief.covariance",
+    "a whole covariance that is none": wrong(
+        "@.belief.covariance", packed(-np.eye(12)), "INVALID_COVARIANCE"
     ),
-    "a NaN in a whole covariance": (
-        changed("@.belief.covariance", packed([NAN] * 144)),
-        "NOT_FINITE",
-        "@.belief.covariance",
-    ),
+    "a NaN in a whole covariance": wrong("@.belief.covariance", packed([NAN] * 144), "NOT_FINITE"),
     "a joint covariance of a stranger": (
         with_joint(["left", "right", "stranger"]),
         "INVALID_COVARIANCE",
@@ -471,8 +424,8 @@ BAD = {
         "NOT_SUPPORTED",
         "return_joint_covariance",
     ),
-    "unreadable model": (changed("@.model", "text"), "INVALID_MODEL", "@.model"),
-    "inconsistent model": (changed("@.model", "contradiction"), "INVALID_MODEL", "@.model"),
+    "unreadable model": wrong("@.model", "text", "INVALID_MODEL"),
+    "inconsistent model": wrong("@.model", "contradiction", "INVALID_MODEL"),
     "diverging": (explicit(with_physics(good_request(horizon=1.0), stiffness=1e300)), "DIVERGED", "diverged"),
 }
 
