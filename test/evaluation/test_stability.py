@@ -41,6 +41,7 @@ from unc_physics_evaluation.results import Results
 from unc_physics_evaluation.stability_document import AT_REST, DRIFT_LIMIT, Found
 
 BALL = ball().scaled(0.1)
+SCHEMA = jsonschema.Draft202012Validator(json.loads(schema_text("scene")))
 
 
 def states(*positions):
@@ -52,9 +53,7 @@ def states(*positions):
 @pytest.mark.parametrize("name", names())
 def test_case_is_a_scene_of_moderate_size_that_says_what_is_hard(name):
     case = load(name)
-    jsonschema.validate(
-        yaml.safe_load((FOLDER / f"{name}.yaml").read_text()), json.loads(schema_text("scene"))
-    )
+    SCHEMA.validate(yaml.safe_load((FOLDER / f"{name}.yaml").read_text()))
     assert case.scene.integrator in INTEGRATORS and case.horizon > 0.0
     assert all(len(body.model) <= 100 for body in case.scene.bodies)
     assert 40 < len(case.about) < 300 and ":" in case.about

@@ -6,6 +6,6 @@ from day_on_a_robot import GROWTH_LIMIT, day
 
 @pytest.mark.slow
 def test_a_robot_s_day():
-    growth, robot = day(8.0)
+    growth, robot = day(5.0)
     assert growth < 2.0 * GROWTH_LIMIT  # memory is level after minutes only
-    assert robot.predicted > 8  # on a machine that is busy with other tests
+    assert robot.predicted > 4  # on a machine that is busy with other tests
