@@ -8,7 +8,6 @@ from typing import NamedTuple
 FACTOR = 2.0  # within which a spread is right
 POSITION_FLOOR = 1e-9  # of the body's extent: spreads below are nothing
 ROTATION_FLOOR = 1e-9  # rad
-RIGHT, FALSE, MISSING = "right", "false", "MISSING"
 
 
 class Judged(NamedTuple):
@@ -28,29 +27,14 @@ class Judged(NamedTuple):
     bad: bool
     flagged: bool
 
-    @property
-    def verdict(self) -> str:
-        """What the flag is: right, false (nothing was wrong) or missing."""
-        return RIGHT if self.bad == self.flagged else MISSING if self.bad else FALSE
-
 
 class Rates(NamedTuple):
-    """How many predictions were bad, and how the flags did; shares are NaN of nothing."""
+    """How many predictions were bad and good, and of each how many were flagged."""
 
     bad: int
     good: int
     found: int
     false: int
-
-    @property
-    def found_share(self) -> float:
-        """Of the bad ones, how many were flagged."""
-        return self.found / self.bad if self.bad else math.nan
-
-    @property
-    def false_share(self) -> float:
-        """Of the good ones, how many were flagged."""
-        return self.false / self.good if self.good else math.nan
 
 
 def judge(predicted, truth, extent: float, flagged: bool, impossible: bool = False) -> Judged:

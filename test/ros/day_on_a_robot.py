@@ -31,7 +31,6 @@ RATE = 10.0  # Hz
 STD = 0.003  # m
 HORIZON = 2.0  # s
 DROPOUT, DUPLICATE, TWICE, LATE = 0.1, 0.05, 0.1, 0.1  # probabilities of each message
-LATENESS = 0.15  # s
 GRAVITY = 9.81  # m/s^2
 SPACING = 0.15  # m
 GROWTH_LIMIT = 50.0  # MB
