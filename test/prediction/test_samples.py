@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -42,22 +43,12 @@ def test_monte_carlo_s_are_of_the_model_s_centre_of_mass(loaded):
     )
 
 
-@pytest.mark.parametrize("islands", [False, True])
-def test_its_own_are_there_at_each_time(loaded, islands):
-    scene, belief, _ = loaded("three_bodies")
-    scene = dataclasses.replace(scene, islands=islands)
-    propagator = make_propagator("monte_carlo", samples=20, seed=4)
-    prediction = predict(scene, belief, propagator, HORIZON, times=[0.1])
-    earlier = predict(scene, belief, propagator, 0.1)
-    np.testing.assert_array_equal(prediction.samples(6, time=0.1), earlier.samples(6))
-    assert predict(scene, belief, "sigma_points", HORIZON).at().samples is None
-
-
 @pytest.mark.parametrize(
     "propagator, options", [("sigma_points", {}), ("linearization", {}), ("local_sampling", {"seed": 5})]
 )
 def test_others_are_drawn_from_the_gaussian(loaded, propagator, options):
     prediction = predicted(loaded, propagator=propagator, **options)
+    assert prediction.at().samples is None
     states = prediction.samples(4000)
     assert states.shape == (4000, 3, 13)
     np.testing.assert_array_equal(states[:10], prediction.samples(10))
@@ -134,8 +125,6 @@ def test_the_table_says_which_physics(file, capsys):
     ],
 )
 def test_bad_counts_are_one_sentence(file, capsys, arguments, code, words):
-    import re
-
     assert main(["predict", file, "--horizon", str(HORIZON), *arguments]) == ErrorCode[code]
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and re.search(words, err), err
