@@ -92,13 +92,13 @@ class Client:
         """Send a request and wait for its answer."""
         return result_of(self.start(service_type, name, request), timeout)
 
-    def of_action(self, start):
+    def of_action(self, start, timeout=ANSWER_TIMEOUT):
         """The result of what a call to an action's client starts.
 
         The call is made by the thread that spins: rclpy drops an answer that comes before the call has
         returned.
         """
-        return result_of(result_of(self.executor.create_task(start)))
+        return result_of(result_of(self.executor.create_task(start)), timeout)
 
     def predict(self, request, node="unc_physics", **others):
         """Call `~/predict` with a PredictionRequest."""

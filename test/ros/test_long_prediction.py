@@ -13,6 +13,7 @@ from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from running import READY_TIMEOUT, Client, NodeProcess, wait_until
 from scenes import assert_answered, assert_same, good_request, numbers_of
+from soak import memory
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.ros.messages.fields import seconds
@@ -160,3 +161,27 @@ def test_bad_goals_and_too_many_are_aborted_with_a_reason(send, client):
         client.of_action(handle.cancel_goal_async)
         client.of_action(handle.get_result_async)
     assert client.of_action(send(goal()).get_result_async).status == GoalStatus.STATUS_SUCCEEDED
+
+
+@pytest.mark.long
+def test_memory_of_a_large_result_is_returned():
+    """A result is kept for 10 s, for its client to fetch it."""
+
+    def complete(message):
+        handle = client.of_action(lambda: action.send_goal_async(message))
+        answer = client.of_action(handle.get_result_async, 300.0)
+        assert answer.status == GoalStatus.STATUS_SUCCEEDED
+        return answer.result.prediction
+
+    with NodeProcess(name="large") as node, Client() as client:
+        action = ActionClient(client.node, PredictLong, "/large/predict_long")
+        assert action.wait_for_server(READY_TIMEOUT)
+        complete(goal(samples=100, propagator="monte_carlo"))
+        before = memory(node.process)
+        large = {"samples": 1000, "return_samples": 1000, "trajectory_period": 0.002}
+        prediction = complete(goal(propagator="monte_carlo", **large))
+        assert sum(len(state.pose_samples) for state in prediction.objects[0].states) == 100_000
+        time.sleep(13.0)
+        complete(goal(samples=100, propagator="monte_carlo"))
+        assert memory(node.process) < before + 50.0
+        action.destroy()

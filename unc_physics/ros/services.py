@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import ctypes
+import gc
 import os
 import platform
 import threading
@@ -421,6 +422,7 @@ class _ThreadedActionServer(ActionServer):
 
     async def _execute_expire_goals(self, expired_goals):
         await super()._execute_expire_goals(expired_goals)
+        gc.collect()  # futures and tasks of goals refer to each other
         return_memory()
 
     def notify_execute(self, goal_handle, execute_callback):
