@@ -129,3 +129,34 @@ def test_slices_are_predictions(predicted):
     assert whole.at(TIMES[1]) is whole.snapshots[1] and whole.at() is whole.snapshots[-1]
     with pytest.raises(UncPhysicsError, match="is no time of the prediction"):
         whole.at(0.1)
+
+
+def test_times_at_which_all_sleep_share_what_is_computed():
+    """Each has the answer of a prediction that ends there."""
+    box = RigidBody("box", load_model("salt_box"), at_rest=True)
+    scene = Scene.everyday([box], environment=[Plane(name="table")], sleep=True)
+    start = BodyBelief(position=(0, 0, 0.061), position_std=0.003, orientation_std=0.02)
+    belief = Belief.of(scene, {"box": start})
+    prediction = predict(scene, belief, "cloud", 2.0, times=[0.5, 1.0])
+    early, _, last = prediction.snapshots
+    assert early.time == 0.5 and last.time == 2.0
+    assert early.belief is last.belief
+    alone = predict(scene, belief, "cloud", 0.5)
+    np.testing.assert_array_equal(early.belief.mean, alone.belief.mean)
+    np.testing.assert_array_equal(early.belief.covariance, alone.belief.covariance)
+    assert prediction.at(0.5).at_model_origins(scene, prediction.propagator) is last.at_model_origins(
+        scene, prediction.propagator
+    )
+    assert [status.flags for status in assess(alone)] == [status.flags for status in assess(prediction)]
+
+
+def test_a_box_that_comes_to_rest_shares_nothing_before():
+    scene = Scene.everyday(
+        [RigidBody("box", load_model("salt_box"))], environment=[Plane(name="table")], sleep=True
+    )
+    start = BodyBelief(position=(0, 0, 0.2), position_std=0.003, orientation_std=0.02)
+    prediction = predict(scene, Belief.of(scene, {"box": start}), "cloud", 3.0, times=[0.05, 2.5])
+    falling, resting, last = prediction.snapshots
+    assert falling.belief is not last.belief
+    assert falling.belief.mean[0, 2] > last.belief.mean[0, 2] + 0.01
+    assert resting.belief is last.belief

@@ -272,7 +272,8 @@ def settle():
         scene, skipped = settle_detected(
             Scene(objects=list(objects)), environment, library, Settings(**parameters)
         )
-        return {own.id: own.at_rest for own in scene.objects}, skipped
+        reasons = {name: omission.reason for name, omission in skipped.items()}
+        return {own.id: own.at_rest for own in scene.objects}, reasons
 
     return settled
 

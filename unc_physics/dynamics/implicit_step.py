@@ -522,6 +522,20 @@ def _keep_memory(i, work):
         entry = work.link[entry]
 
 
+@inner
+def _all_sleep(rest_steps, world, work):
+    """Return whether all moving bodies sleep, and nothing can wake them."""
+    actions = world.environment.actions
+    if world.implicit.rest_steps == 0 or len(actions.kinematic) + len(actions.wrench_body) > 0:
+        return False
+    if len(actions.surface) > 0:
+        return False
+    for i in range(len(rest_steps)):
+        if work.moving[i] and rest_steps[i] < world.implicit.rest_steps:
+            return False
+    return True
+
+
 @inner(noinline=True)
 def advance_step(x, time, first_time, rest_steps, residual, world, threshold, slowest, key, method, work):
     """Advance all groups by one step; return early if room overflows (`OVERFLOW`).
@@ -613,6 +627,12 @@ def integrate(
             old_contact[n, k], old_force[n, k] = contact[n, k], force[n, k]
     for step in range(begin, begin + steps):
         if world.implicit.stop[0] != 0:
+            return steps
+        if method is None and _all_sleep(rest_steps, world, work):
+            for i in range(len(x)):
+                if work.moving[i]:
+                    for k in range(3):
+                        x[i, V + k] = x[i, W + k] = 0.0
             return steps
         for i in range(len(x)):
             head[i] = -1

@@ -77,9 +77,20 @@ def _judge(prediction, rollouts):
         _compare(prediction, found, places, FURTHER, before=rollouts)
     if rollouts > 0 and may_miss(prediction):
         _look_far(prediction, found)
-    return tuple(
-        tuple(judged(one, k, measures) for k, measures in enumerate(measures_of(one))) for one in found
-    )
+    statuses = []
+    for k, one in enumerate(found):
+        if k and _same(one, found[k - 1]):
+            statuses.append(statuses[-1])
+        else:
+            statuses.append(tuple(judged(one, body, own) for body, own in enumerate(measures_of(one))))
+    return tuple(statuses)
+
+
+def _same(evidence, other):
+    """Return whether two times have the same evidence, as when all bodies sleep (`Snapshot.at_time`)."""
+    one, before = evidence.snapshot, other.snapshot
+    same = one.carry is before.carry and one.belief is before.belief
+    return same and evidence.wide is other.wide and evidence.spreads is other.spreads
 
 
 def _compare(prediction, found, places, rollouts, before=0):

@@ -198,16 +198,36 @@ def run(
         )
         result = found()
         pairs = zip(result.snapshots, wide, strict=True)
-        return result._replace(snapshots=tuple(replace(one, wide=states) for one, states in pairs))
+        return result._replace(
+            snapshots=tuple(one if states is None else replace(one, wide=states) for one, states in pairs)
+        )
     return found()
 
 
 def _snapshots_of(propagator, scene, carries):
-    """The snapshots of carries (mark, carry) of one propagator, ascending; the last one comes first."""
+    """The snapshots of carries (mark, carry) of one propagator, ascending; the last one comes first.
+
+    Times between which no rollout changes, as all bodies sleep, share the later one's.
+    """
     if carries:
         propagator.share_caches([carry for _, carry in carries])
-    found = [snapshot(propagator, scene, carry, mark) for mark, carry in reversed(carries)]
+    found: list[Snapshot] = []
+    for mark, carry in reversed(carries):
+        if found and not scene.acts and _unchanged(carry, found[-1].carry):
+            found.append(found[-1].at_time(mark.time))
+        else:
+            found.append(snapshot(propagator, scene, carry, mark))
     return found[::-1]
+
+
+def _unchanged(carry, later):
+    """Whether all rollouts of a carry are still where they were, and met nothing else."""
+    own, other = carry.contact_history, later.contact_history
+    return (
+        np.array_equal(carry.states, later.states)
+        and np.array_equal(own.first_time, other.first_time)
+        and (own.solver is None or np.array_equal(own.solver.residual, other.solver.residual))
+    )
 
 
 def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runner: Any = None) -> Snapshot:

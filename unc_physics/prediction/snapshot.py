@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -133,6 +134,14 @@ class Snapshot:
         """(R, B, 13): states of rollouts, of which `samples` are made; None where there are no samples."""
         return None if self.draw_rollouts is None else self.draw_rollouts()
 
+    def at_time(self, time: float) -> Snapshot:
+        """Return the same snapshot at another time [s]; both share what is computed from the carry."""
+        self.__dict__.setdefault("at_origins", {})
+        self.__dict__.setdefault("split", {})
+        other = copy.copy(self)
+        other.__dict__["time"] = time
+        return other
+
     def at_model_origins(self, scene: Scene, propagator: Propagator, joint: bool = False) -> Belief:
         """Return the moments at the models' own origins, in place of the centres of mass.
 
@@ -172,5 +181,8 @@ class Snapshot:
             return self.received.modes[body]
         if self.rollout_states is None or not scene.bodies[body].free:
             return (only_mode(self.belief, body),)
-        found = split(self.rollout_states[:, body], scene.bodies[body].model.bounding_radius)
-        return found if len(found) > 1 else (only_mode(self.belief, body),)
+        known = self.__dict__.setdefault("split", {})
+        if body not in known:
+            found = split(self.rollout_states[:, body], scene.bodies[body].model.bounding_radius)
+            known[body] = found if len(found) > 1 else (only_mode(self.belief, body),)
+        return known[body]

@@ -10,6 +10,7 @@ from ..dynamics.rollout import recorded
 from ..scene.marks import Mark, whole
 from ..scene.parameters import recorded_varied
 from ..scene.scene import Scene
+from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
 from .base import Propagator
 
 
@@ -38,6 +39,8 @@ def recorded_rollouts(carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[A
 
     Each rollout is simulated to all of them at once: a call of its own costs as much as dozens of steps.
     """
+    if _all_sleep(carry, scene):
+        return [carry._replace(step=mark.fraction_of(scene.dt)) for mark in marks]
     states, history = carry.states.copy(), histories.copy(carry.contact_history)
     stops = scene.stops(carry.step, marks)
     if scene.uncertain:
@@ -48,3 +51,14 @@ def recorded_rollouts(carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[A
         carry._replace(states=states, contact_history=history, step=mark.fraction_of(scene.dt))
         for mark, (states, history) in zip(marks, found, strict=True)
     ]
+
+
+def _all_sleep(carry, scene):
+    """Return whether no step changes anything: all bodies sleep in all rollouts, and nothing wakes them."""
+    if scene.acts or not len(scene.moving):
+        return False
+    sleeping = histories.asleep(carry.contact_history, scene.world)[:, scene.moving]
+    if not sleeping.all():
+        return False
+    states = carry.states[:, scene.moving]
+    return not states[..., VELOCITY].any() and not states[..., ANGULAR_VELOCITY].any()

@@ -25,7 +25,24 @@ from .messages.scene import UNKNOWN
 _SIGMAS = 3.0
 _PACKING_GAP = 2e-3  # m, between a packing's surface and its mesh's
 _UPWARD = 0.5  # cosine of the steepest slope of a support
+#: Kinds of omissions.
+SECOND_DETECTION, IN_MID_AIR = "second detection", "in mid-air"
 _SPHERES = 300  # spheres of a model that count; household models begin with those of their extent
+
+
+class Omission(NamedTuple):
+    """Reason why an object is left out.
+
+    Attributes
+    ----------
+    kind : str
+        `SECOND_DETECTION` or `IN_MID_AIR`.
+    reason : str
+        In words, about the object.
+    """
+
+    kind: str
+    reason: str
 
 
 class _Body(NamedTuple):
@@ -59,8 +76,8 @@ class _Body(NamedTuple):
 
 def settle_detected(
     scene: Scene, environment: Environment, library: Any, settings: Any
-) -> tuple[Scene, dict[str, str]]:
-    """Return the scene with objects at rest marked, and the reasons of objects left out by their ids.
+) -> tuple[Scene, dict[str, Omission]]:
+    """Return the scene with objects at rest marked, and why objects are left out, by their ids.
 
     Parameters
     ----------
@@ -96,8 +113,9 @@ def settle_detected(
         }
         gaps = _stand(open_ones, bodies, _supports(environment, library), up / length)
         for name, gap in gaps.items():
-            skipped[name] = (
-                f"hangs in mid-air, {gap} and has no twist; publish it on ~/scene with its twist if it falls"
+            skipped[name] = Omission(
+                IN_MID_AIR,
+                f"hangs in mid-air, {gap} and has no twist; publish it on ~/scene with its twist if it falls",
             )
         kept = [own for own in kept if own.id not in gaps]
     return Scene(header=scene.header, objects=kept, environment=scene.environment), skipped
@@ -187,9 +205,9 @@ def _body(own, library, settings) -> _Body:
     return _Body(own.id, position, centers, model.radii[:_SPHERES], P)
 
 
-def _duplicates(objects, bodies) -> dict[str, str]:
+def _duplicates(objects, bodies) -> dict[str, Omission]:
     """Return the reasons of detections of an object that another detection describes better."""
-    skipped: dict[str, str] = {}
+    skipped: dict[str, Omission] = {}
     surest = sorted(
         (own for own in objects if own.id in bodies), key=lambda own: np.trace(bodies[own.id].covariance)
     )
@@ -206,6 +224,7 @@ def _duplicates(objects, bodies) -> dict[str, str]:
             extent = float(np.ptp(body.centers, axis=0).min() + 2.0 * body.radii.min())
             # disjoint bodies are farther apart than their smallest extent
             if distance < max(min(_SIGMAS * std, 0.9 * extent), 0.5 * extent):
-                skipped[own.id] = f"is a second detection of '{better.id}', {distance:.3g} m away"
+                reason = f"is a second detection of '{better.id}', {distance:.3g} m away"
+                skipped[own.id] = Omission(SECOND_DETECTION, reason)
                 break
     return skipped

@@ -66,6 +66,8 @@ class Pace:
         if limit is None:
             return
         if seconds > limit:
-            self._level = min(self._level + 1, len(_SHARES) - 1)
+            fitting = _SHARES[self._level] * limit / seconds
+            lower = range(self._level + 1, len(_SHARES))
+            self._level = next((k for k in lower if _SHARES[k] <= fitting), len(_SHARES) - 1)
         elif self._level and seconds * _SHARES[self._level - 1] / _SHARES[self._level] < _ROOM * limit:
             self._level -= 1

@@ -156,8 +156,8 @@ def replay(
             _count(left_out, "without a model")
         try:
             scene, skipped = settle_detected(scene, environment.message, library, settings)
-            for reason in skipped.values():
-                _count(left_out, "second detection" if "second detection" in reason else "in mid-air")
+            for omission in skipped.values():
+                _count(left_out, omission.kind)
             if not scene.objects:
                 continue
             after = sorted(times[near] - times[k] for near in later)

@@ -113,23 +113,28 @@ class Stream:
         """Predict a scene, and adapt the rollouts of later ones to the time that it took."""
         began = time.perf_counter()
         limit = streamed.pace.limit(self._server.settings.stream_max_computation_time)
-        self._predict(streamed, limit)
-        streamed.pace.took(time.perf_counter() - began, limit)
+        published = self._predict(streamed, limit)
+        took = time.perf_counter() - began
+        streamed.pace.took(took, limit)
+        if published and limit is not None and took > limit:
+            self._server.diagnostics.late(took, limit)
 
     def _predict(self, streamed, limit):
-        """Predict a scene and publish the result; errors go to the log and the diagnostics."""
+        """Predict a scene and publish the result; errors go to the log and the diagnostics.
+
+        Returns whether a prediction was published.
+        """
         server, settings, header = self._server, self._server.settings, streamed.scene.header
-        began = time.perf_counter()
-        result = Result()
+        published, result = False, Result()
         with server.errors_into(result):
             if (reason := stamp_problem(server.node, header.stamp, settings)) is not None:
                 server.diagnostics.dropped()
                 self._warn(f"a scene was dropped: {reason}")
-                return
+                return False
             scene, skipped = prepared(streamed, server.frames, server.environment, server.library, settings)
             message = Prediction()
             if self._is_over(header.stamp):
-                return
+                return False
             job = None
             try:
                 if scene.objects:
@@ -142,17 +147,17 @@ class Stream:
                     write_answer(message, header, settings, job, server.predict(job))
                 except PredictionTimeoutError:
                     if self._is_over(header.stamp):
-                        return
+                        return False
                     raise
             else:
                 message.header.stamp, message.header.frame_id = header.stamp, settings.world_frame
                 message.skipped = [KeyValue(key=name, value=reason) for name, reason in skipped.items()]
             if not self._is_over(header.stamp):
                 self.publish(message, job)
-                if limit is not None and (took := time.perf_counter() - began) > limit:
-                    server.diagnostics.late(took, limit)
+                published = True
         if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
             self._warn(f"a scene was not predicted: {result.error_msg}")
+        return published
 
     def _job(self, streamed, scene, limit, settings):
         """Return the job of a scene, with the rollouts and the time that the stream leaves it."""
@@ -404,7 +409,8 @@ def prepared(
         scene = transform.scene(scene)
         scene.header = Header(stamp=scene.header.stamp)
     scene, skipped = settle_detected(scene, environment.message, library, settings)
-    return scene, {**skipped, **streamed.skipped}
+    reasons = {name: omission.reason for name, omission in skipped.items()}
+    return scene, {**reasons, **streamed.skipped}
 
 
 class LatestWorker:

@@ -42,6 +42,7 @@ BY_NAME = (
     "propagators",
     "packing",
     "latency",
+    "releases",
     "same_bits",
 )
 NAMES = DEFAULT + BY_NAME
