@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -26,8 +27,8 @@ BOX, TABLE, BIN = "box", "table", "bin"
 
 
 @contextlib.contextmanager
-def served(name: str, parameters: dict[str, Any]) -> Iterator[Any]:
-    """Start a node with parameters; yield an rclpy node in this process, spun in a thread."""
+def served(name: str, parameters: dict[str, Any]) -> Iterator[tuple[Any, int]]:
+    """Start a node with parameters; yield an rclpy node in this process, spun in a thread, and its number."""
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
@@ -50,7 +51,7 @@ def served(name: str, parameters: dict[str, Any]) -> Iterator[Any]:
             if not client.wait_for_service(_READY_TIMEOUT):
                 log.seek(0)
                 raise RuntimeError(f"the node did not get ready:\n{log.read()}")
-            yield node
+            yield node, process.pid
         finally:
             process.send_signal(signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -59,6 +60,16 @@ def served(name: str, parameters: dict[str, Any]) -> Iterator[Any]:
             context.try_shutdown()
             thread.join(5.0)
             node.destroy_node()
+
+
+def cpu_time(pid: int) -> float:
+    """Return the CPU time of a process so far [s]; NaN where the system does not tell."""
+    try:
+        with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+            fields = file.read().rpartition(")")[2].split()
+    except OSError:
+        return float("nan")
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def scene_message(kind: str, count: int, rng: np.random.Generator, at_rest: bool = False) -> Any:

@@ -15,6 +15,7 @@ def test_figures_are_judged_by_their_goals(tmp_path):
         rows = [
             Row("node", "latency p50", "ms", 10.0 if fast else 500.0),
             Row("node", "latency p95", "ms", 50.0 if fast else 800.0),
+            Row("node", experiment.CPU, "ms", 30.0),
         ]
         if job.parameters["by"] != experiment.SERVICE:
             rows.append(Row("node", "rate", "Hz", 10.0 if fast else 1.0))
@@ -30,6 +31,7 @@ def test_a_node_is_measured():
     stream = Job("latency", {"by": experiment.STREAM, "scene": TABLE, "objects": 1, "amount": 1.0})
     rows = {row.quantity: row.value for row in experiment.run(stream).rows}
     assert 0.0 < rows["latency p50"] <= rows["latency p95"] < 5e3 and 0.0 < rows["rate"] <= 10.0
+    assert 1.0 < rows[experiment.CPU] < 1e3
 
 
 def test_scenes_have_their_objects():

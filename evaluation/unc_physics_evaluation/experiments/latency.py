@@ -9,11 +9,13 @@ import numpy as np
 from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results
-from ..served_scenes import BIN, BOX, TABLE, scene_message, served, wait_until
+from ..served_scenes import BIN, BOX, TABLE, cpu_time, scene_message, served, wait_until
+from ..tables import number
 
 TITLE = "Latency of the node"
 NODE = "measured"
 RATE = 10.0  # Hz, of the input
+CPU = "CPU time"
 STREAM, STANDING, SERVICE = "stream, velocities unknown", "stream, at rest", "service"
 #: Goals of streams: number of objects, output [Hz], 95 % latency [ms].
 STREAMS = ((1, 10.0, 60.0), (5, 10.0, 100.0), (10, 5.0, 200.0))
@@ -55,16 +57,18 @@ def run(job: Job) -> Outcome:
     def make():
         return scene_message(str(p["scene"]), int(p["objects"]), rng, at_rest=p["by"] == STANDING)
 
-    with served(NODE, {}) as node:
+    with served(NODE, {}) as (node, pid):
         if p["by"] == SERVICE:
-            return Outcome(_rows(_calls(node, make, int(p["amount"]))))
-        latencies, rate = _stream(node, make, float(p["amount"]))
-    return Outcome([*_rows(latencies), Row("node", "rate", "Hz", rate)])
+            latencies, spent = _calls(node, make, int(p["amount"]), pid)
+            return Outcome(_rows(latencies, spent))
+        latencies, rate, spent = _stream(node, make, float(p["amount"]), pid)
+    return Outcome([*_rows(latencies, spent), Row("node", "rate", "Hz", rate)])
 
 
-def _rows(latencies):
+def _rows(latencies, spent):
+    """Return quantiles of latencies, and the CPU time of a prediction; that of all threads."""
     quantiles = {"p50": 0.5, "p95": 0.95}
-    return [
+    found = [
         Row(
             "node",
             f"latency {name}",
@@ -73,28 +77,32 @@ def _rows(latencies):
         )
         for name, share in quantiles.items()
     ]
+    return [*found, Row("node", CPU, "ms", 1e3 * spent / max(len(latencies), 1))]
 
 
-def _calls(node, make, count):
-    """Return latencies of calls [s], after two that are not counted."""
+def _calls(node, make, count, pid):
+    """Return latencies of calls and the node's CPU time [s], after two calls that are not counted."""
     from unc_physics.ros.messages.fields import duration
     from unc_physics_msgs.msg import PredictionRequest
     from unc_physics_msgs.srv import Predict
 
     client, latencies = node.create_client(Predict, f"/{NODE}/predict"), []
     client.wait_for_service(30.0)
-    for _ in range(count + 2):
+    before = 0.0
+    for k in range(count + 2):
+        if k == 2:
+            before = cpu_time(pid)
         request = PredictionRequest(scene=make(), horizon=duration(_HORIZON))
         began = time.perf_counter()
         answer = client.call(Predict.Request(request=request))
         latencies.append(time.perf_counter() - began)
         if answer.result.error_code:
             raise RuntimeError(answer.result.error_msg)
-    return latencies[2:]
+    return latencies[2:], cpu_time(pid) - before
 
 
-def _stream(node, make, seconds):
-    """Return latencies [s] and the output's rate [Hz], after a second that is not counted."""
+def _stream(node, make, seconds, pid):
+    """Return latencies [s], rate [Hz] and the node's CPU time [s], after a second that is not counted."""
     from rclpy.qos import qos_profile_sensor_data
 
     from unc_physics_msgs.msg import Prediction, Scene
@@ -108,22 +116,24 @@ def _stream(node, make, seconds):
         10,
     )
     wait_until(lambda: publisher.get_subscription_count() and subscription.get_publisher_count())
-    sent = {}
+    sent, before = {}, 0.0
     began = time.perf_counter()
     for k in range(round((1.0 + seconds) * RATE)):
         scene = make()
         time.sleep(max(0.0, began + k / RATE - time.perf_counter()))
+        if k == round(RATE):
+            before = cpu_time(pid)
         now = time.time()
         scene.header.stamp.sec, scene.header.stamp.nanosec = int(now), int(1e9 * (now % 1.0))
         sent[scene.header.stamp.sec, scene.header.stamp.nanosec] = now, k >= RATE
         publisher.publish(scene)
     time.sleep(2.0)
-    latencies = []
+    spent, latencies = cpu_time(pid) - before, []
     for arrived, stamp in received:
         at, counts = sent[stamp.sec, stamp.nanosec]
         if counts:
             latencies.append(arrived - at)
-    return latencies, len(latencies) / seconds
+    return latencies, len(latencies) / seconds, spent
 
 
 def report(results: Results) -> str:
@@ -146,6 +156,7 @@ def _figures(results) -> dict[str, list[Figure]]:
             figures.append(
                 Figure("95 % latency", case, value("latency p95", **of), "ms", latency, at_most=True)
             )
+            figures.append(Figure("CPU time of a prediction", case, value(CPU, **of), "ms"))
     found["Calls of `~/predict`, one second ahead, default propagator"] = [
         Figure(
             "median latency",
@@ -154,6 +165,7 @@ def _figures(results) -> dict[str, list[Figure]]:
             "ms",
             latency,
             at_most=True,
+            note=f"CPU {number(value(CPU, by=SERVICE, scene=kind, objects=count))} ms",
         )
         for kind, count, latency in SERVICES
     ]

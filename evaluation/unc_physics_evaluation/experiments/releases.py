@@ -62,7 +62,7 @@ def run(job: Job) -> Outcome:
     from unc_physics_msgs.srv import Predict
 
     rng, rows = np.random.default_rng(job.seed("scenes")), []
-    with served(NODE, {}) as node:
+    with served(NODE, {}) as (node, _):
         client = node.create_client(Predict, f"/{NODE}/predict")
         client.wait_for_service(30.0)
         for k in range(int(job.parameters["count"])):
