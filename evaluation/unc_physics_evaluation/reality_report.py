@@ -32,7 +32,6 @@ LINES = (
     (MARGINAL, x.DEFAULTS),
     (STILL, x.DEFAULTS),
 )
-_DRAWN = {(OURS, x.DEFAULTS): "--"} | {(by, x.CALIBRATED): "-" for by in (OURS, "mujoco", "pybullet")}
 
 
 class Line(NamedTuple):
@@ -168,7 +167,7 @@ def _draw(path: Path, found: Sequence[Line]) -> None:
         panels, ((x.POSITION_RANK, "positions"), (x.ROTATION_RANK, "rotations")), strict=True
     ):
         ax.plot([0, 1], [0, 1], color="#CCCCCC", linewidth=0.8)
-        for (method, given), style in _DRAWN.items():
+        for (method, given), style in _drawn(found):
             own = [line for line in found if (line.method, line.given) == (method, given)]
             ranks = np.sort(list(_ranks(own, quantity)))
             if len(ranks):
@@ -181,6 +180,16 @@ def _draw(path: Path, found: Sequence[Line]) -> None:
     panels[0].set_ylabel("holds this share of motions", fontsize=8)
     panels[0].legend(fontsize=8, frameon=False)
     save(figure, path)
+
+
+def _drawn(found: Sequence[Line]) -> Iterator[tuple[tuple[str, str], str]]:
+    """Ours with both, and engines calibrated, or where that was not run, with their defaults."""
+    there = {(line.method, line.given) for line in found}
+    yield (OURS, x.DEFAULTS), "--"
+    yield (OURS, x.CALIBRATED), "-"
+    for engine in ("mujoco", "pybullet"):
+        calibrated = (engine, x.CALIBRATED) in there
+        yield (engine, x.CALIBRATED if calibrated else x.DEFAULTS), "-" if calibrated else "--"
 
 
 def _ranks(own: Sequence[Line], quantity: str) -> Iterator[float]:

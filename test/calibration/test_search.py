@@ -6,7 +6,7 @@ from throws import scene
 
 from unc_physics import UncPhysicsError
 from unc_physics.calibration.adjustable import Model, chosen
-from unc_physics.calibration.posterior import PRIOR_WEIGHT, Posterior
+from unc_physics.calibration.posterior import Posterior, prior_weight
 from unc_physics.calibration.search import Search
 from unc_physics.calibration.uncertainty import refine
 
@@ -44,7 +44,7 @@ def found(count=MOTIONS):
 
 def penalised(known):
     """The least of the penalised score (3,), and its second derivatives, in closed form."""
-    weight = PRIOR_WEIGHT / len(known.recorded)
+    weight = prior_weight(len(known.recorded)) / len(known.recorded)
     H = STEEP + weight * np.eye(3)
     return known.median + np.linalg.solve(H, STEEP @ OFF), H
 
@@ -64,7 +64,7 @@ def test_few_motions_stay_nearer_to_the_prior():
 def test_it_is_as_certain_as_motions_agree():
     """The sandwich estimator in closed form, with a prior's own error."""
     known, estimate, _ = found()
-    H, weight = penalised(known)[1], PRIOR_WEIGHT / MOTIONS
+    H, weight = penalised(known)[1], prior_weight(MOTIONS) / MOTIONS
     spread = STEEP @ np.cov(known.least.T) @ STEEP / MOTIONS + weight**2 * np.eye(3)
     stds = np.sqrt(np.diagonal(np.linalg.solve(H, np.linalg.solve(H, spread).T)))
     ratio = estimate.stds[:2] / stds[:2]  # the larger of two estimates, so above 1 on the whole

@@ -10,10 +10,21 @@ from ..checks.errors import UncPhysicsError
 from .adjustable import Adjustable, Model, with_values
 from .objective import Objective
 
-#: By how much the score of one motion must be better for a value that is one standard deviation of its prior
-#: off: half of it.
+#: By how much the score of one of many motions must be better for a value that is a standard deviation of its
+#: prior off: half of it.
 PRIOR_WEIGHT = 0.5
+#: Number of motions at which the weight of the prior is twice that.
+FEW_MOTIONS = 8
 _FAILED = 1e3  # score of a model that cannot be simulated
+
+
+def prior_weight(motions: int) -> float:
+    """Return the weight of the priors, of which each motion has an equal share.
+
+    The mean slope of few motions is mostly noise, and differs by more than their slopes show. So their prior
+    counts more, and values of two or three motions hardly leave it.
+    """
+    return PRIOR_WEIGHT * (1.0 + (FEW_MOTIONS / motions) ** 2)
 
 
 class Posterior:
@@ -50,7 +61,8 @@ class Posterior:
         self.low = np.array([one.scaled(one.low) for one in adjusted])
         self.high = np.array([one.scaled(one.high) for one in adjusted])
         self.median = np.array([one.scaled(one.prior_median(model)) for one in adjusted])
-        self.curvature = PRIOR_WEIGHT / (motions or len(objective.recorded))
+        count = motions or len(objective.recorded)
+        self.curvature = prior_weight(count) / count
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         """The values of scaled ones (K,), by their names."""
