@@ -1,14 +1,13 @@
-"""Check a wheel with kernels: ``python release/check.py WHEEL [--node PYTHON] [--times CSV]``.
+"""Check a wheel with kernels: ``python release/check.py WHEEL [--node PYTHON]``.
 
 The wheel is installed into an empty environment, and compiling is an error there
 (``UNC_PHYSICS_COMPILER=off``). All kinds of prediction must run. ``--node`` names a Python that has ROS and
-the interfaces; the demo runs in it with the wheel's package. ``--times`` adds a row for a first prediction.
+the interfaces; the demo runs in it with the wheel's package.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 import resource
 import subprocess
@@ -35,28 +34,17 @@ def main():
     parser.add_argument("wheel", type=Path)
     parser.add_argument("--python", default=sys.executable, help="for the environment (default: this one)")
     parser.add_argument("--node", metavar="PYTHON", help="Python with ROS and unc_physics_msgs")
-    parser.add_argument("--times", type=Path, metavar="CSV", help="file that gets a row with the times")
     options = parser.parse_args()
     wheel = options.wheel.resolve()
-    env = {name: value for name, value in os.environ.items() if not name.startswith(FOREIGN)}
-    env["UNC_PHYSICS_COMPILER"] = "off"
     with tempfile.TemporaryDirectory() as folder:
-        venv = Path(folder) / "venv"
-        subprocess.run([options.python, "-m", "venv", venv], check=True, env=env)
-        python = venv / "bin" / "python"
-        pins = ["-c", ROOT / "requirements" / "constraints.txt"]
-        install = [python, "-m", "pip", "install", "-q", *pins]
-        subprocess.run([*install, wheel], check=True, env=env)
-        examples = venv / "share" / "unc_physics" / "examples"
+        python, env = install_wheel(wheel, options.python, folder)
+        examples = python.parents[1] / "share" / "unc_physics" / "examples"
         first = [python, "-c", FIRST, examples / "scenes" / "table.yaml"]
         wall, cpu = measured(first, env, folder)
         print(f"first prediction: {wall:.2f} s of wall time, {cpu:.2f} s of CPU", flush=True)
-        if options.times:
-            with options.times.open("a", newline="") as file:
-                csv.writer(file).writerow([wheel.name, f"{wall:.2f}", f"{cpu:.2f}"])
         if cpu > GOAL:
             raise SystemExit(f"the first prediction takes more than {GOAL} s of CPU")
-        subprocess.run([*install, f"{wheel}[geometry,calibration]"], check=True, env=env)
+        subprocess.run([*_install(python), f"{wheel}[geometry,calibration]"], check=True, env=env)
         subprocess.run([python, ROOT / "release" / "kinds.py", examples], check=True, env=env, cwd=folder)
         if options.node:
             target = Path(folder) / "node"
@@ -69,6 +57,33 @@ def main():
             }
             subprocess.run(demo, check=True, env=env | models, cwd=folder)
     print("no kernel was compiled")
+
+
+def install_wheel(wheel, base_python, folder):
+    """Install a wheel into an empty environment in a folder.
+
+    Returns
+    -------
+    python : Path
+        The Python of the environment.
+    env : dict
+        Variables of processes in it, with the compiler switched off.
+    """
+    env = clean_environment() | {"UNC_PHYSICS_COMPILER": "off"}
+    venv = Path(folder) / "venv"
+    subprocess.run([base_python, "-m", "venv", venv], check=True, env=env)
+    python = venv / "bin" / "python"
+    subprocess.run([*_install(python), wheel], check=True, env=env)
+    return python, env
+
+
+def clean_environment():
+    """Return the environment variables without those that choose other packages or kernels."""
+    return {name: value for name, value in os.environ.items() if not name.startswith(FOREIGN)}
+
+
+def _install(python):
+    return [python, "-m", "pip", "install", "-q", "-c", ROOT / "requirements" / "constraints.txt"]
 
 
 def measured(command, env, folder):

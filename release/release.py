@@ -24,8 +24,6 @@ def main():
     subprocess.run([sys.executable, "setup.py", "-q", "sdist", "-d", DIST], check=True, cwd=ROOT)
     files = sorted([*DIST.glob(f"unc_physics-{of}-*.whl"), *DIST.glob(f"unc_physics-{of}.tar.gz")])
     subprocess.run([sys.executable, "-m", "twine", "check", "--strict", *files], check=True)
-    times = DIST / "first_prediction.csv"
-    times.write_text("wheel,wall [s],CPU [s]\n")
     for wheel in DIST.glob(f"unc_physics-{of}-cp3*.whl"):
         digits = wheel.name.split("-")[2].removeprefix("cp3")
         python = shutil.which(f"python3.{digits}")
@@ -33,7 +31,7 @@ def main():
             raise SystemExit(f"{wheel.name} is not checked without python3.{digits}; install it")
         here = ["--node", sys.executable] if f"3.{digits}" == "{}.{}".format(*sys.version_info[:2]) else []
         check = [sys.executable, ROOT / "release" / "check.py", wheel, "--python", python, *here]
-        subprocess.run([*check, "--times", times], check=True)
+        subprocess.run(check, check=True)
     lines = [f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.name}" for file in files]
     (DIST / "SHA256SUMS").write_text("\n".join(lines) + "\n")
     Path(DIST / f"notes-{of}.md").write_text(text)

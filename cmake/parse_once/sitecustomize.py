@@ -11,7 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-FOLDER = os.environ.get("PARSED_INTERFACES")
+FOLDER = os.environ.get("PARSED_INTERFACES", "")
 
 if FOLDER and any("rosidl" in argument for argument in sys.orig_argv[1:2]):
     from rosidl_parser import parser

@@ -11,7 +11,7 @@ def add_warm_up_command(commands) -> None:
         "warm-up",
         help="compile kernels ahead",
         description="Compile what predictions by these propagators need, or load it where it is compiled, so"
-        " that no first prediction waits for it.",
+        " that no first prediction waits for it. Each processor core compiles for another propagator.",
     )
     parser.add_argument(
         "propagators", nargs="*", metavar="PROPAGATOR", help="names of propagators (default: all)"
@@ -27,14 +27,19 @@ def add_warm_up_command(commands) -> None:
 
 
 def run(arguments) -> int:
-    """Compile and print the duration."""
-    from ..prediction.warm_up import warm_up
+    """Compile with a progress bar, and print the duration for each propagator."""
+    from tqdm import tqdm
+
+    from ..prediction.warm_up import TYPICAL_KERNELS, warm_up_in_processes
     from ..propagators.registry import PROPAGATORS
     from ..scene.presets import PRESETS
 
-    for name in arguments.propagators or PROPAGATORS:
-        wall, spent = time.perf_counter(), time.process_time()
-        warm_up((name,), PRESETS[arguments.physics])
-        wall, spent = time.perf_counter() - wall, time.process_time() - spent
-        print(f"{name}: ready after {wall:.1f} s ({spent:.1f} s of CPU)", flush=True)
+    total = None if arguments.propagators else TYPICAL_KERNELS[arguments.physics]
+    names = arguments.propagators or PROPAGATORS
+    started = time.perf_counter()
+    with tqdm(total=total, unit=" kernels", desc="compiling", disable=None, leave=False) as bar:
+        for name, compiled in warm_up_in_processes(names, PRESETS[arguments.physics]):
+            bar.update(compiled - bar.n)
+            if name is not None:
+                bar.write(f"{name}: ready after {time.perf_counter() - started:.1f} s")
     return 0

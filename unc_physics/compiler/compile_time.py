@@ -54,6 +54,24 @@ class _Notice(event.Listener):
         pass
 
 
+class CompiledKernels(event.Listener):
+    """Listener that adds the number of compiled kernels to a number shared by processes."""
+
+    def __init__(self, shared):
+        self._shared = shared
+
+    def register(self):
+        """Count from now on."""
+        event.register("numba:compile", self)
+
+    def on_start(self, event):
+        pass
+
+    def on_end(self, event):
+        with self._shared.get_lock():
+            self._shared.value += 1
+
+
 def seconds_compiling():
     """Return the time spent on compiling and loading [s], by this thread and for it (`count_compiling`)."""
     return _spent.seconds

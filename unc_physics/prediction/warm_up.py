@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import logging
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..checks.validation import covariance
+from ..compiler.compile_time import CompiledKernels
 from ..geometry.packing_file import SpherePacking
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
@@ -22,6 +28,9 @@ from .status import assess
 
 #: The model of the bodies, as answers name it.
 MODEL = "rod"
+#: Approximate number of kernels that `warm_up` of all propagators compiles, for progress bars.
+TYPICAL_KERNELS = {"everyday": 600, "paper": 180}
+_LOOK = 0.2  # s, between reports
 _STEPS = 3
 _STIFFNESS = 1e5  # N/m^3
 _EVERYDAY = PRESETS["everyday"]
@@ -68,6 +77,50 @@ def warm_up(
         propagator = make_propagator(name, **few)
         if scene.integrator in propagator.integrators:
             (answer or _judged)(scene, belief, propagator, _STEPS * scene.dt)
+
+
+def warm_up_in_processes(
+    names: Iterable[str], physics: Mapping[str, Any]
+) -> Iterator[tuple[str | None, int]]:
+    """Run `warm_up` for each propagator, in as many processes as there are processor cores.
+
+    Kernels that several propagators need are compiled once: a process waits while another compiles one.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Names of propagators.
+    physics : mapping
+        Arguments of `Scene`.
+
+    Yields
+    ------
+    name : str or None
+        Propagator that is ready, or None several times a second in between.
+    compiled : int
+        Number of kernels that were compiled so far.
+    """
+    names = list(names)
+    for name in names:
+        make_propagator(name)  # errors are raised here
+    processes = min(len(names), os.cpu_count() or 1)
+    context = multiprocessing.get_context("spawn")
+    counter = context.Value("q", 0)
+    with ProcessPoolExecutor(processes, context, _begin_process, (counter,)) as pool:
+        waiting = {pool.submit(warm_up, (name,), physics): name for name in names}
+        while waiting:
+            done, _ = wait(waiting, _LOOK, FIRST_COMPLETED)
+            yield None, counter.value
+            for future in done:
+                future.result()
+                yield waiting.pop(future), counter.value
+
+
+def _begin_process(counter):
+    """Count compiled kernels for the process that shows them, and end silently with it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    logging.getLogger(__name__.partition(".")[0]).setLevel(logging.ERROR)
+    CompiledKernels(counter).register()
 
 
 def _judged(scene, belief, propagator, horizon):
