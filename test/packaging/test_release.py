@@ -1,10 +1,12 @@
 """A release: one version everywhere, notes from the changelog, and wheels that say for whom they are."""
 
+import ast
 import re
 import sys
 import zipfile
 
 import pytest
+import yaml
 from building import ROOT, clean_environment, copy_sources, run
 
 from unc_physics import __version__
@@ -42,6 +44,19 @@ def test_all_files_have_the_same_version():
     )[0]
     found["changelog"] = re.findall(r"^(\S+) \(", (ROOT / "CHANGELOG.rst").read_text(), re.MULTILINE)[0]
     assert set(found.values()) == {__version__}, found
+
+
+def test_all_files_name_the_same_dependencies():
+    setup = (ROOT / "setup.py").read_text()
+    (listed,) = re.findall(r"install_requires=(\[.*?\])", setup)
+    needed = set(ast.literal_eval(listed))
+    recipe = (ROOT / "release/conda/recipe.yaml").read_text()
+    run = yaml.safe_load(recipe)["requirements"]["run"]
+    (python,) = re.findall(r'python_requires="(.*)"', setup)
+    assert {one.replace(" ", "") for one in run} == needed | {f"python{python}"}
+    (numba,) = (one for one in needed if one.startswith("numba"))
+    for file in ("Dockerfile", "docs/how-to/install.md"):
+        assert f'"{numba}"' in (ROOT / file).read_text(), file
 
 
 def test_notes_are_the_changelogs_section():
