@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from example_scenes import two_bodies
 
-from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics import PROPAGATORS, Belief, Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.prediction.islands import IslandRunner
 from unc_physics.scene.marks import whole
 from unc_physics.scene.scene_file import scene_from_dict
@@ -218,3 +218,18 @@ def test_scattered_bodies_cost_as_many_times_one():
     assert close - many == 2 * (2 * 6 + 1) - 2 * one < 2 * one
     samples = make_propagator("monte_carlo", samples=10)
     assert states_of(by_islands(*scattered(64, [20]), samples, 0.1)) == 64 * 10
+
+
+def test_shared_parameters_keep_all_bodies_together_also_in_additional_rollouts():
+    """Uncertain friction of all surfaces: islands change nothing, and the points of rollouts are nested."""
+    pin = load_model("pin").prefix(10)
+    bodies = [RigidBody(name, pin, mass=1.0) for name in ("a", "b")]
+    scene = Scene.everyday(bodies, environment=[Plane()], islands=True)
+    assert scene.shared_parameters
+    mean = np.zeros((2, 13))
+    mean[:, 9], mean[:, 2], mean[1, 0] = 1.0, 0.3, 1.0
+    belief = Belief(mean, np.stack([1e-4 * np.eye(12)] * 2))
+    auto = predict(scene, belief, make_propagator("auto", error=1e-3, runs=80), 0.05)
+    cloud = predict(replace(scene, islands=False), belief, make_propagator("cloud", runs=80), 0.05)
+    assert auto.snapshots[-1].rollout_states.shape[0] == 80
+    np.testing.assert_array_equal(auto.snapshots[-1].rollout_states, cloud.snapshots[-1].rollout_states)

@@ -194,7 +194,7 @@ def run(
         raise
     if isinstance(propagator, Anytime):
         waiting, wide = _with_additional_rollouts(
-            propagator, scene, belief, initial, waiting, compute_budget, events
+            propagator, scene, belief, initial, waiting, compute_budget, events, in_islands
         )
         result = found()
         pairs = zip(result.snapshots, wide, strict=True)
@@ -276,7 +276,9 @@ def belief_at_start(propagator: Propagator, runner: Any, scene: Scene, first: An
     return runner.belief(first, scene) if moved or scene.overlap == "reject" else initial
 
 
-def _with_additional_rollouts(propagator, scene, belief, initial, waiting, compute_budget, events):
+def _with_additional_rollouts(
+    propagator, scene, belief, initial, waiting, compute_budget, events, in_islands
+):
     """The carries at each mark, with as many more rollouts as the propagator wants; and states of rollouts
     of a wider belief, each None where it did not look for rare outcomes.
     """
@@ -300,7 +302,7 @@ def _with_additional_rollouts(propagator, scene, belief, initial, waiting, compu
             wide = wide_states(scene, initial, marks, count)
             factor = _rare_factor(propagator, scene, last, wide[-1])
             more = propagator.additional_rollouts(last, scene, now._replace(rare=factor))
-        again = count if scene.islands else 0  # islands have no rollouts to add to
+        again = count if in_islands else 0  # islands have no rollouts to add to
         if more <= 0 or (
             compute_budget.allowed is not None
             and spent * (1.0 + (more + again) / count) > compute_budget.allowed
