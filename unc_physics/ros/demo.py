@@ -96,11 +96,7 @@ def node_command() -> list[str]:
     Its limit of computation time does not end the reference on a busy machine.
     """
     names = ", ".join(dict.fromkeys(name for name, _ in METHODS))
-    parameters = {
-        "zero_covariance": "exact",
-        "warm_up": f"[{names}]",
-        "max_computation_time": _TIMEOUT,
-    }
+    parameters = {"zero_covariance": "exact", "warm_up": f"[{names}]", "max_computation_time": _TIMEOUT}
     options = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
     return [sys.executable, "-m", "unc_physics.ros.node", "--ros-args", "-r", f"__node:={NODE}", *options]
 
