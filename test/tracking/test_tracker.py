@@ -462,11 +462,11 @@ def test_contact_noise_is_for_contacts_alone():
     sliding = belief_of(scene, box0={"position": RESTING[:3], "linear_velocity": [1.0, 0.0, 0.0]})
     spreads = []
     for v in (0.0, 0.1):
-        tracker = Tracker(scene, sliding, noise=ContactNoise(velocity=v))
+        tracker = Tracker(scene, sliding, noise=ContactNoise(velocity=v, lasting=0.4))
         tracker.predict(1.0 / RATE)
         spreads.append(tracker.samples()[:, 0, 4].var(ddof=1))
     # the impulse per mass that carries the weight for a thirtieth of a second
-    assert spreads[1] - spreads[0] == pytest.approx(0.1**2 * 9.81 / RATE, rel=0.5)
+    assert spreads[1] - spreads[0] == pytest.approx(0.1**2 * 0.4 * 9.81 / RATE, rel=0.5)
 
 
 def test_a_late_measurement_has_its_own_distance():
