@@ -81,7 +81,7 @@ TOPICS = {
     "calibration": (
         "Python: calibration",
         "Parameters fitted to recorded motions.",
-        "calibrate Calibration Fitted Motion read_motions",
+        "calibrate Calibration Fitted calibrate_contact_noise NoiseCalibration Motion read_motions",
     ),
     "errors": (
         "Python: errors",

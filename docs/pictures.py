@@ -114,6 +114,9 @@ def pictures() -> dict[str, Picture]:
                 "unc_physics/ros/demo_scene.py",
             ),
         ),
+        "tracking.png": Picture(
+            ("docs.plot_tracking", "OUT"), ("docs/plot_tracking.py", f"{EVALUATION}/tracked_tosses.py")
+        ),
         "results/collisions.png": results("collisions"),
         "results/collisions_time.png": results("collisions_time"),
         "calibration.png": experiment("calibration", "calibration"),

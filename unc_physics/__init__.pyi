@@ -3,6 +3,8 @@
 from .calibration.calibrate import Calibration as Calibration
 from .calibration.calibrate import Fitted as Fitted
 from .calibration.calibrate import calibrate as calibrate
+from .calibration.contact_noise import NoiseCalibration as NoiseCalibration
+from .calibration.contact_noise import calibrate_contact_noise as calibrate_contact_noise
 from .calibration.motions import Motion as Motion
 from .calibration.motions import read_motions as read_motions
 from .checks.errors import ErrorCode as ErrorCode

@@ -135,12 +135,23 @@ def test_the_command(motions, tmp_path, capsys):
         for time, pose in zip(motion.times, motion.poses, strict=True):
             lines.append(",".join(map(str, [motion.name, time, *pose])))
     (tmp_path / "m.csv").write_text("\n".join(lines))
-    options = ["--fit", "friction", "--samples", "4", "--evaluations", "6"]
+    options = [
+        "--fit",
+        "friction",
+        "--samples",
+        "4",
+        "--evaluations",
+        "6",
+        "--contact-noise",
+        "0.002",
+        "0.02",
+    ]
     picture = str(tmp_path / "c.png")
     arguments = ["calibrate", str(tmp_path / "m.csv"), str(tmp_path / "scene.yaml"), *options]
     assert main([*arguments, "--picture", picture]) == 0
     out = capsys.readouterr().out
     assert "friction" in out and "environment:" in out
+    assert "noise=ContactNoise(velocity=" in out and "of 6 motions" in out
     assert (tmp_path / "c.png").stat().st_size > 10_000
 
 

@@ -59,7 +59,10 @@ def add_calibrate_command(commands) -> None:
         help="samples of each prediction (default: 16 of 30 motions, more of fewer)",
     )
     parser.add_argument(
-        "--evaluations", type=int, metavar="N", help="models that the search tries (default 80)"
+        "--evaluations",
+        type=int,
+        metavar="N",
+        help="models that the search tries (default 80); half as many sets of contact noise",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the draws (default 0)")
     parser.add_argument("--topic", metavar="NAME", help="of a rosbag, where several topics hold poses")
@@ -69,6 +72,13 @@ def add_calibrate_command(commands) -> None:
         help="positions are those of the model's own origin, as in ROS, not of the centre of mass",
     )
     parser.add_argument("--picture", metavar="OUT.png", help="also draw reliability before and after")
+    parser.add_argument(
+        "--contact-noise",
+        type=float,
+        nargs=2,
+        metavar=("M", "RAD"),
+        help="also fit the contact noise of a tracker, which is given poses with these standard deviations",
+    )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.set_defaults(run=run)
 
@@ -115,9 +125,36 @@ def run(arguments: argparse.Namespace) -> int:
         )
     print(as_table(found))
     print(f"\n{as_scene_file(found.scene)}", end="")
+    if arguments.contact_noise is not None:
+        position, rotation = arguments.contact_noise
+        std = [position] * 3 + [rotation] * 3
+        print(f"\n{_fit_contact_noise(motions, found.scene, std, evaluations // 2, arguments.seed)}")
     if arguments.picture is not None:
         from ..calibration.picture import draw_calibration
 
         draw_calibration(arguments.picture, found)
         print(f"wrote {arguments.picture}")
     return 0
+
+
+def _fit_contact_noise(motions, scene, std, evaluations, seed):
+    """The contact noise that fits motions, as Python text, and what it gains."""
+    from tqdm import tqdm
+
+    from ..calibration.contact_noise import FITTED, LEAST_EVALUATIONS, calibrate_contact_noise
+
+    with tqdm(unit="set", desc="contact noise", disable=None, leave=False) as bar:
+
+        def progress(done, total, best):
+            bar.total = total
+            bar.update(done - bar.n)
+
+        found = calibrate_contact_noise(
+            motions, scene, std, evaluations=max(evaluations, LEAST_EVALUATIONS), seed=seed, progress=progress
+        )
+    fields = ", ".join(f"{name}={getattr(found.noise, name):.3g}" for name in FITTED)
+    before, after = found.scores
+    return (
+        f"Tracker(..., noise=ContactNoise({fields}))\n"
+        f"log score of poses {before:.2f} before, {after:.2f} after, of {found.motions} motions"
+    )

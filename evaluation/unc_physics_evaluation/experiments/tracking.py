@@ -38,6 +38,7 @@ _A_JOB = 20
 #: Conditions and rates [Hz].
 CONDITIONS = (("plain", 148.0), ("plain", 30.0), ("plain", 10.0), ("gap", 30.0), ("outliers", 30.0))
 REST, HAND, LATER = "rest", "hand", "later"
+THEN_AT_REST = "then at rest"
 FLIGHT, CONTACT = "in flight", "after contact"
 #: Frames of flight from which rest is predicted.
 _FRAMES = 10
@@ -101,6 +102,8 @@ def _toss(k, method, condition, rate, seed):
         some = [one for one in found if one.in_contact is chosen]
         rows += _means(some, phase, method, k, seed)
     rows += _means([one for one in found if one.seen_again], "seen again", method, k, seed)
+    still = [one for one in found if one.in_contact and one.ahead_rests == 1.0]
+    rows += _means(still, THEN_AT_REST, method, k, seed)
     rows.append(
         Row(method, "false alarm", "1", float(any(one.carried for one in found)), replicate=k, seed=seed)
     )
@@ -281,6 +284,15 @@ def _single(rows):
         "first pose after a gap of 0.2 s in its 90 % region, %",
         number(100.0 * _mean(rows.where(condition="gap", quantity="next_inside seen again"))),
     )
+    calm = rows.where(method=TRACKER, condition="plain", rate=30.0)
+    inside = [
+        _mean(calm.where(quantity=f"ahead_inside_{one} {THEN_AT_REST}")) for one in ("position", "rotation")
+    ]
+    yield (
+        "0.2 s ahead, where it then rests: in 90 % region of position, of rotation, %",
+        ", ".join(number(100.0 * share) for share in inside),
+    )
+    yield "the same: log score", number(_mean(calm.where(quantity=f"ahead_log {THEN_AT_REST}")))
     if outliers:
         yield "outliers rejected, %", number(100.0 * both("outliers", "rejected_outlier"))
         yield "good poses rejected beside outliers, %", number(100.0 * both("outliers", "rejected_good"))
