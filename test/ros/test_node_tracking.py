@@ -1,6 +1,7 @@
 """The node's tracker over DDS: bad, late, lost, repeated and swapped observations, forks and paths."""
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -14,7 +15,10 @@ from running import Client, Inbox, NodeProcess, wait_until
 from scenes import position_of
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
-from unc_physics.checks.errors import ErrorCode
+from unc_physics import BoxRegion as BoxRegionOfCore
+from unc_physics import InRegion, PoseMeasurement, PosePath, RigidBody, Touches, TrackStatus, load_model
+from unc_physics.checks.errors import ErrorCode, InvalidRequestError
+from unc_physics.ros import Client as PythonClient
 from unc_physics.ros.messages.fields import duration, seconds
 from unc_physics.ros.messages.tracking import nanoseconds
 from unc_physics_msgs.msg import Action, ActionArray, BoxRegion, ObjectState, Prediction, TrackedObjects
@@ -342,6 +346,56 @@ def test_objects_are_forgotten_on_request(camera, listener):
         answer.result.error_code == ErrorCode.INVALID_REQUEST
         and "holds no objects" in answer.result.error_msg
     )
+
+
+@pytest.fixture(scope="module")
+def planner(node):
+    with PythonClient(server="/tracker") as made:
+        yield made
+
+
+def test_the_client_observes_and_asks(camera, planner, listener):
+    stand(camera)
+    turned = np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
+    std = np.array([0.002, 0.002, 0.002, 0.01, 0.02, 0.03])
+    with ThreadPoolExecutor() as pool:
+        found = pool.submit(planner.tracked)
+        wait_until(lambda: listener.node.count_subscribers("/tracker/tracked") == 2)
+        time.sleep(0.3)
+        at = 1e-9 * nanoseconds(camera.stamp(6 * PERIOD))
+        planner.observe("left/1", PoseMeasurement([0.5, 0.0, 0.0, *turned], std, "model"), at)
+        tracked = found.result()
+    assert list(tracked) == ["box", "left/1"]
+    box, can = tracked.values()
+    assert (box.model, box.status, box.rejections) == ("salt_box", TrackStatus.TRACKED, 0)
+    assert box.last_seen == pytest.approx(at - PERIOD, abs=1e-5) and can.stamp == pytest.approx(at, abs=1e-5)
+    assert can.status is TrackStatus.STARTING
+    assert can.belief.position == pytest.approx([0.5, 0.0, 0.0], abs=1e-3)
+    # standard deviations are about the body's axes, in the measurement as in the belief
+    assert can.belief.orientation_std == pytest.approx(std[3:], rel=0.05)
+
+
+def test_the_client_s_forks(camera, planner):
+    stand(camera)
+    around = BoxRegionOfCore("here", (0.15, 0.15, 0.15), (0.0, 0.0, 0.061))
+    path = PosePath(times=[0.0, 0.5], positions=[[-0.25, 0.0, 0.0455], [-0.05, 0.0, 0.0455]])
+    hand = RigidBody("hand", load_model("brick"), trajectory=path)
+    events = [InRegion("box", around), Touches("box", "hand")]
+    prediction = planner.fork(0.6, times=[0.3], robot=[hand], events=events, keep_samples=5)
+    assert [body.name for body in prediction.scene.bodies] == ["box", "hand"]
+    assert prediction.times == pytest.approx([0.3, 0.6])
+    assert prediction["box"].position[0] == pytest.approx(PUSHED, abs=0.02)
+    assert prediction["hand"].position[0] == pytest.approx(-0.05, abs=1e-6)
+    probabilities = [prediction.probability(event).estimate for event in events]
+    assert probabilities == [0.0, 1.0]
+    alone = planner.fork(events=[events[0]])
+    assert alone.times == pytest.approx([HORIZONS[-1]]) and alone.probability(events[0]).estimate == 1.0
+    assert len(alone.scene.environment) == 1
+    planner.reset(["box"])
+    with pytest.raises(InvalidRequestError, match="holds no objects"):
+        planner.fork(0.1)
+    with pytest.raises(InvalidRequestError, match="is no tracked object"):
+        planner.reset(["box"])
 
 
 def test_diagnostics_count_observations(camera, listener):

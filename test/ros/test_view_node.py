@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import urllib.request
+from array import array
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from rclpy.qos import qos_profile_sensor_data
 from running import NodeProcess, wait_until
 from scenes import moving_object
 
-from unc_physics_msgs.msg import Scene
+from unc_physics_msgs.msg import Scene, TrackedObject, TrackedObjects
 
 pytest.importorskip("viser", reason="the extra 'view' is not installed")
 
@@ -41,7 +42,7 @@ def test_a_process_shows_what_is_streamed(publisher):
     assert "Traceback" not in process.output
 
 
-def test_the_page_follows_the_scene(publisher):
+def test_the_page_follows_the_scene(publisher, client):
     from unc_physics.ros.view_node import ViewNode
 
     context = rclpy.Context()
@@ -65,6 +66,17 @@ def test_the_page_follows_the_scene(publisher):
         places = [[getattr(one.pose.position, axis) for axis in "xy"] for one in objects]
         return names == [one.id for one in objects] and np.allclose(drawn, places)
 
+    def follows(tracked):
+        """Whether the page shows this tracked object, and where it will be after 0.1 s."""
+        of_tracker.publish(TrackedObjects(objects=[tracked]))
+        executor.spin_once(timeout_sec=0.1)
+        drawn, place = node.page.drawn.frames.positions, tracked.pose.pose.position
+        if [body.name for body in node.page.drawn.scene.bodies] != [tracked.id]:
+            return False
+        ends = [[place.x, place.y], [place.x, place.y + 0.1 * tracked.twist.twist.linear.y]]
+        return np.allclose(drawn[[0, -1], 0, :2], ends, atol=1e-3)
+
+    of_tracker = client.node.create_publisher(TrackedObjects, "/unc_physics/tracked", 1)
     try:
         one = moving_object("box", "salt_box", (0.0, 0.0, 0.0))
         wait_until(lambda: shows(one), 60.0)
@@ -75,6 +87,9 @@ def test_the_page_follows_the_scene(publisher):
             publisher.publish(Scene(objects=[bad]))
             executor.spin_once(timeout_sec=0.1)
         wait_until(lambda: shows(one), 60.0)
+        tracked = TrackedObject(id="can", model="can", covariance=array("d", np.eye(12).ravel() * 1e-6))
+        tracked.pose.pose.position.x, tracked.twist.twist.linear.y = 0.7, 0.5
+        wait_until(lambda: follows(tracked), 60.0)
     finally:
         executor.shutdown()
         node.close()

@@ -12,15 +12,17 @@ if TYPE_CHECKING:
     from .client import Client as Client
     from .lifecycle_node import UncPhysicsLifecycleNode as UncPhysicsLifecycleNode
     from .messages.planning_scene import request_of_planning_scene as request_of_planning_scene
+    from .messages.tracking import TrackedBody as TrackedBody
     from .node import UncPhysicsNode as UncPhysicsNode
 
 _MODULES = {
     "Client": "client",
+    "TrackedBody": "messages.tracking",
     "UncPhysicsLifecycleNode": "lifecycle_node",
     "UncPhysicsNode": "node",
     "request_of_planning_scene": "messages.planning_scene",
 }
-__all__ = ["Client", "UncPhysicsLifecycleNode", "UncPhysicsNode", "request_of_planning_scene"]
+__all__ = ["Client", "TrackedBody", "UncPhysicsLifecycleNode", "UncPhysicsNode", "request_of_planning_scene"]
 
 
 def __getattr__(name):

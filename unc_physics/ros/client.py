@@ -10,23 +10,34 @@ from dataclasses import replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, TypedDict
 
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from unc_physics_msgs.action import PredictLong
-from unc_physics_msgs.msg import ModelInfo, ModelList, PredictionRequest
-from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel, Predict, PredictCandidates
+from unc_physics_msgs.msg import ModelInfo, ModelList, PredictionRequest, TrackedObjects
+from unc_physics_msgs.srv import (
+    Fork,
+    GetCapabilities,
+    ListModels,
+    LoadModel,
+    Predict,
+    PredictCandidates,
+    Reset,
+)
 
 from ..checks.errors import (
     DuplicateIdError,
     InvalidModelError,
     InvalidRequestError,
     LimitExceededError,
+    NotActiveError,
     NotSupportedError,
     UncPhysicsError,
     UnknownModelError,
 )
-from ..checks.validation import instance, integer, positive
+from ..checks.validation import instance, integer, number, positive
+from ..geometry.packing_file import SpherePacking
 from ..prediction.actions import Action, apply_action
 from ..prediction.events import Event, InRegion, Touches, checked_events
 from ..prediction.prediction import Prediction
@@ -36,13 +47,22 @@ from ..propagators.base import Propagator
 from ..propagators.names import DEFAULT, REFERENCE
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
+from ..scene.body import RigidBody
 from ..scene.scene import Scene
+from ..tracking.measurements import PoseMeasurement
 from .connection import Connection
+from .messages.actions import write_actions
+from .messages.environment import write_region
 from .messages.events import object_events
-from .messages.fields import read_error
+from .messages.fields import duration, read_error, seconds
+from .messages.physics import read_physics
 from .messages.prediction import read_answer
 from .messages.ranking import read_candidate, read_ranking, write_candidate, write_score
 from .messages.request import Query, RequestedOutputs, write_request
+from .messages.scene import read_scene, write_object
+from .messages.tracking import TrackedBody, read_tracked, stamp_of, write_measurement
+from .models import ModelLibrary
+from .streams import topic_name
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
@@ -52,6 +72,8 @@ _LATCHED = QoSProfile(
 )
 _THREADS = 8  # threads that wait for answers
 _PACKING_POLL_PERIOD = 0.2  # s
+_DISCOVERY_POLL_PERIOD = 0.01  # s
+_QUEUED = 20  # observations that wait in the middleware
 
 
 class Options(TypedDict, total=False):
@@ -100,13 +122,17 @@ class Client:
     def __init__(self, node: Node | None = None, *, server: str = "/unc_physics", timeout: float = 10.0):
         if not isinstance(server, str) or not server.strip("/"):
             raise InvalidRequestError("must be the name of a node", field="server", value=server)
-        self._server = server.rstrip("/")
-        self._connection = Connection(node, self._server, positive(timeout, "timeout"))
+        self._server, self._timeout = server.rstrip("/"), positive(timeout, "timeout")
+        self._connection = Connection(node, self._server, self._timeout)
         self._models: dict[str, ModelInfo] = {}
         self._pool = ThreadPoolExecutor(_THREADS, "unc_physics client")
         self._subscription = self._connection.node.create_subscription(
             ModelList, f"{self._server}/models", self._keep_models, _LATCHED
         )
+        self._topics = threading.Lock()
+        self._tracked: _Newest | None = None
+        self._observers: dict[str, Any] = {}
+        self._library: ModelLibrary | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -120,6 +146,12 @@ class Client:
             return
         self._pool.shutdown(cancel_futures=True)
         self._connection.node.destroy_subscription(self._subscription)
+        if self._tracked is not None:
+            self._tracked.close()
+        for publisher in self._observers.values():
+            self._connection.node.destroy_publisher(publisher)
+        if self._library is not None:
+            self._library.discard()
         self._connection.close()
 
     def predict(
@@ -407,6 +439,161 @@ class Client:
             self.predict_long, scene, belief, propagator, horizon, progress=progress, cancel=cancel, **options
         )
 
+    def observe(self, name: str, measurement: PoseMeasurement, stamp: float | None = None) -> float:
+        """Publish an observation of an object to the node's tracker.
+
+        The first observation of an object waits until the node receives it.
+
+        Parameters
+        ----------
+        name : str
+            Id of the object, which the node's parameter ``observed_objects`` names.
+        measurement : PoseMeasurement
+            In the node's world frame, with ``origin="model"``.
+        stamp : float, optional
+            When it was measured [s]; by default when it is published, on the clock of the client's node.
+
+        Returns
+        -------
+        float
+            The stamp [s].
+
+        Raises
+        ------
+        NotActiveError
+            If no node tracks this object.
+        """
+        instance(measurement, PoseMeasurement, "measurement")
+        message = PoseWithCovarianceStamped(pose=write_measurement(measurement))
+        node = self._connection.node
+        topic = f"{self._server}/observed/{topic_name(name)}"
+        with self._topics:
+            if name not in self._observers:
+                self._observers[name] = node.create_publisher(PoseWithCovarianceStamped, topic, _QUEUED)
+            publisher = self._observers[name]
+        deadline = time.monotonic() + self._timeout
+        while not publisher.get_subscription_count():
+            if time.monotonic() > deadline:
+                raise NotActiveError(
+                    f"has no subscriber within {self._timeout:g} s; start the node with track:=true, and name"
+                    " the object in its parameters observed_objects and observed_models",
+                    field=topic,
+                )
+            time.sleep(_DISCOVERY_POLL_PERIOD)
+        time_of = node.get_clock().now().nanoseconds if stamp is None else round(1e9 * number(stamp, "stamp"))
+        message.header.stamp = stamp_of(time_of)
+        publisher.publish(message)
+        return 1e-9 * time_of
+
+    def tracked(self) -> dict[str, TrackedBody]:
+        """Wait for the next message of the node's tracker; return the tracked objects by their ids.
+
+        Raises
+        ------
+        NotActiveError
+            If none arrives: nothing is observed, or no node tracks objects.
+        """
+        topic = f"{self._server}/tracked"
+        with self._topics:
+            if self._tracked is None:
+                self._tracked = _Newest(self._connection.node, TrackedObjects, topic)
+        return read_tracked(self._tracked.next(self._timeout))
+
+    def fork(
+        self,
+        horizon: float | None = None,
+        *,
+        times: Sequence[float] | None = None,
+        robot: Iterable[RigidBody] = (),
+        events: Iterable[Event] = (),
+        keep_samples: int = 0,
+        modes: bool = False,
+        joint_covariance: bool = True,
+        models: Mapping[str, SpherePacking] | None = None,
+    ) -> Prediction:
+        """Predict from what the node's tracker knows, without a scene; the tracker does not change.
+
+        Parameters
+        ----------
+        horizon : float, optional
+            From the tracker's time on [s]; by default the last of ``times``, or of the node's parameter
+            ``horizons``.
+        times : sequence of float, optional
+            Times of the beliefs [s], ascending.
+        robot : iterable of RigidBody
+            Prescribed bodies, such as a gripper's links. Their paths begin at the tracker's time, and replace
+            those of bodies that the tracker has.
+        events, keep_samples, modes, joint_covariance
+            As for `predict`.
+        models : mapping of str to SpherePacking, optional
+            The node's models, by name; by default those of the library that comes with the package.
+
+        Returns
+        -------
+        Prediction
+            Its ``scene`` is the tracked one.
+
+        Raises
+        ------
+        InvalidRequestError
+            If nothing is tracked.
+        NotActiveError
+            If no node tracks objects.
+        UncPhysicsError
+            As `predict`.
+        """
+        asked = [positive(one, "times") for one in times or ()]
+        if horizon is not None and positive(horizon, "horizon") not in asked:
+            asked.append(horizon)
+        regions, probabilities = _split_events(events)
+        joint = bool(joint_covariance)
+        outputs = RequestedOutputs(not joint, joint, probabilities, bool(modes), center_of_mass=True)
+        keep_samples = _whole(keep_samples, "keep_samples", 32)
+        request = Fork.Request(
+            times=[duration(one) for one in asked[:-1]],
+            regions=[write_region(region) for region in regions],
+            return_samples=keep_samples,
+            **outputs.fields(),
+        )
+        if asked:
+            request.horizon = duration(asked[-1])
+        links = list(robot)
+        if links:
+            scene = Scene(links, gravity=(0.0, 0.0, 0.0))
+            belief = Belief.of(scene, {})
+            request.objects = [write_object(scene, belief, b, self._model_info) for b in range(len(links))]
+            request.actions = [action for body in links for action in write_actions(body)]
+        answer = self._connection.call(Fork, "fork", request)
+        if answer.result.error_code:
+            raise read_error(answer.result)
+        message = answer.prediction
+        physics = read_physics(message.physics, {})
+        if self._library is None:
+            self._library = ModelLibrary()
+        read = read_scene(
+            answer.scene, _Packings(models or {}, self._library), physics, actions=answer.actions
+        )
+        by_id = {own.id: own for own in message.objects}
+        message.objects = [by_id[body.name] for body in read.scene.bodies]
+        marks = marks_of(read.scene, None, asked or [seconds(message.time_reached)])
+        propagator = make_propagator(REFERENCE, samples=message.rollouts, seed=message.seed)
+        query = Query(
+            read.scene, read.belief, propagator, message.seed, marks, None, keep_samples, regions, outputs
+        )
+        return read_answer(answer.result, message, query)
+
+    def reset(self, names: Iterable[str] = ()) -> None:
+        """Make the node's tracker forget objects, by default all.
+
+        Raises
+        ------
+        InvalidRequestError
+            If a name is unknown; nothing is forgotten then.
+        """
+        answer = self._connection.call(Reset, "reset", Reset.Request(ids=list(names)))
+        if answer.result.error_code:
+            raise read_error(answer.result)
+
     def capabilities(self) -> GetCapabilities.Response:
         """Return the node's propagators with traits and options, features, limits, physics and versions."""
         return self._connection.call(GetCapabilities, "get_capabilities", GetCapabilities.Request())
@@ -517,6 +704,51 @@ class Client:
 
     def _keep_models(self, message: Any) -> None:
         self._models = {info.name: info for info in message.models}
+
+
+class _Newest:
+    """Subscription whose next message a thread can wait for."""
+
+    def __init__(self, node, kind, topic):
+        self._node, self._topic = node, topic
+        self._changed, self._message, self._count = threading.Condition(), None, 0
+        self._subscription = node.create_subscription(kind, topic, self._receive, 1)
+
+    def _receive(self, message):
+        with self._changed:
+            self._message, self._count = message, self._count + 1
+            self._changed.notify_all()
+
+    def next(self, timeout: float) -> Any:
+        """Return the next message."""
+        with self._changed:
+            count = self._count
+            if not self._changed.wait_for(lambda: self._count > count, timeout):
+                raise NotActiveError(
+                    f"has no message within {timeout:g} s; start the node with track:=true, and publish"
+                    " observations",
+                    field=self._topic,
+                )
+            return self._message
+
+    def close(self):
+        """Unsubscribe."""
+        self._node.destroy_subscription(self._subscription)
+
+
+class _Packings:
+    """Models of a client: given ones, and those of its library."""
+
+    def __init__(self, given, library):
+        self._given, self._library, self.shape_packer = given, library, library.shape_packer
+
+    def shape(self, model, spheres=0, scale=0.0, max_spheres=None, **others):
+        """Return a model's packing, as `ModelLibrary.shape` does."""
+        if model not in self._given:
+            return self._library.shape(model, spheres, scale, max_spheres, **others)
+        packing = self._given[model]
+        packing = packing.prefix(spheres) if spheres else packing
+        return packing.scaled(scale or 1.0)
 
 
 def _split_events(events):

@@ -532,11 +532,16 @@ def detected_object(name, model, pose, library, mass):
     state = ObjectState(id=name, model=model, pose=pose.pose)
     state.belief.pose_covariance = pose.covariance
     state.belief.twist_covariance[0] = UNKNOWN
-    try:
-        state.mass = mass if library.shape(model).mass is None else 0.0
-    except UncPhysicsError:
-        pass  # reported when the scene is read
+    state.mass = mass_of(model, library, mass)
     return state
+
+
+def mass_of(model: str, library: ModelLibrary, mass: float) -> float:
+    """Return the mass of an object [kg]: 0, for that of its model, or the given one if it has none."""
+    try:
+        return mass if library.shape(model).mass is None else 0.0
+    except UncPhysicsError:
+        return 0.0  # reported when the scene is read
 
 
 def topic_name(text: str) -> str:

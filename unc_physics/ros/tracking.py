@@ -39,7 +39,7 @@ _SENSOR = {"depth": _DEPTH, "reliability": ReliabilityPolicy.BEST_EFFORT}
 _OVERRIDABLE = QoSOverridingOptions.with_default_policies()
 
 
-class Observation(NamedTuple):
+class ReceivedObservation(NamedTuple):
     """Message of a source.
 
     Attributes
@@ -146,7 +146,7 @@ class Tracking:
         """Take the pose of an object with a topic of its own."""
         server = self._server
         state = detected_object(name, model, message.pose, server.library, server.settings.tracked_mass)
-        self._receive(Observation(message.header, [state], {name}, {}))
+        self._receive(ReceivedObservation(message.header, [state], {name}, {}))
 
     def _detected(self, detections):
         """Take a Detection3DArray."""
@@ -220,7 +220,7 @@ class Tracking:
 
     def _leave_out(self, message, reason):
         """Report that a whole message was left out."""
-        if isinstance(message, Observation):
+        if isinstance(message, ReceivedObservation):
             skipped = {own.id: reason for own in message.objects}
         else:
             skipped = {"~/actions": reason}
@@ -367,8 +367,8 @@ class Tracking:
                 self._clear()
 
 
-def observation_of(detections, library, mass: float) -> Observation:
+def observation_of(detections, library, mass: float) -> ReceivedObservation:
     """Return the observation of a Detection3DArray; models without a mass get ``mass`` [kg]."""
     scene, skipped = scene_of_detections(detections, library, mass)
     named = {own.id for own in detections.detections if own.id}
-    return Observation(scene.header, list(scene.objects), named, skipped)
+    return ReceivedObservation(scene.header, list(scene.objects), named, skipped)

@@ -24,7 +24,8 @@ from ..checks.errors import (
 from ..checks.names import hint
 from ..prediction.prediction import Prediction
 from ..prediction.regions import BoxRegion
-from ..propagators.monte_carlo import MonteCarlo
+from ..propagators.names import REFERENCE
+from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
@@ -71,7 +72,7 @@ class Robot(NamedTuple):
     stamp: int
 
 
-class Candidate(NamedTuple):
+class FirstObservation(NamedTuple):
     """First observation of an object that no id names."""
 
     place: Place
@@ -123,7 +124,7 @@ class Tracks:
         self._robots: dict[str, Robot] = {}
         self._seen: dict[str, Seen] = {}
         self._known: OrderedDict[tuple, None] = OrderedDict()
-        self._candidates: list[Candidate] = []
+        self._candidates: list[FirstObservation] = []
         self._numbers: dict[str, int] = {}  # of objects without an id, by model
         self._surroundings: tuple[int, Environment] = -1, Environment()
 
@@ -324,7 +325,7 @@ class Tracks:
         UncPhysicsError
         """
         scene, before = self.scene, [time for time in times or () if time < horizon]
-        members = MonteCarlo(samples=settings.tracking_members, seed=_SEED)
+        members = make_propagator(REFERENCE, samples=settings.tracking_members, seed=_SEED)
         job = Job(
             scene,
             self._tracker.belief(),
@@ -467,7 +468,7 @@ class Tracks:
             if other.model == place.model and first != stamp and apart <= farthest:
                 del self._candidates[k]
                 return True
-        self._candidates.append(Candidate(place, stamp))
+        self._candidates.append(FirstObservation(place, stamp))
         return False
 
     def _new_name(self, model, given, born):

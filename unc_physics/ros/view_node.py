@@ -9,7 +9,7 @@ from typing import Any
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
-from unc_physics_msgs.msg import Environment
+from unc_physics_msgs.msg import Environment, TrackedObjects
 
 from ..checks.errors import UncPhysicsError
 from ..view.page import Page
@@ -17,10 +17,12 @@ from ..view.session import Session, check_installed
 from .environment import LATCHED, NodeEnvironment
 from .messages.frames import Frames
 from .messages.request import read_request
+from .messages.tracking import scene_of_tracked
 from .models import ModelLibrary
 from .node import leave, run
+from .pace import Pace
 from .parameters import ParameterServer
-from .streams import SceneTopics, prepared, request_of, stamp_problem
+from .streams import LatestWorker, SceneTopics, StreamedScene, mass_of, prepared, request_of, stamp_problem
 
 _VIEW_PARAMETERS = {
     "host": ("127.0.0.1", "Address that the page listens on; everybody who reaches it sees the page."),
@@ -34,8 +36,8 @@ _REPORT_PERIOD = 5.0  # s, between warnings in the log
 class ViewNode(Node):
     """Node that predicts the newest streamed scene as the prediction node does, and shows it.
 
-    It has the parameters of that node and subscribes to the same topics, under ``unc_physics``. The page
-    opens with the first scene.
+    It has the parameters of that node and subscribes to the same topics, under ``unc_physics``, and to the
+    objects that the node tracks. The page opens with the first scene.
 
     Attributes
     ----------
@@ -70,7 +72,16 @@ class ViewNode(Node):
         self.topics = SceneTopics(
             self, self.parameters, self.library, self.frames, self._show, lambda: None, "unc_physics"
         )
+        self._newest_tracked = LatestWorker(self._show, lambda: None)
+        self.create_subscription(TrackedObjects, "unc_physics/tracked", self._show_tracked, 1)
         self.get_logger().info("ready: waits for a scene")
+
+    def _show_tracked(self, message):
+        scene = scene_of_tracked(message, self._mass_of)
+        self._newest_tracked.put(StreamedScene(scene, False, Pace()))
+
+    def _mass_of(self, model):
+        return mass_of(model, self.library, self.parameters.settings.tracked_mass)
 
     def _show(self, streamed):
         settings = self.parameters.settings
@@ -110,6 +121,7 @@ class ViewNode(Node):
     def close(self) -> None:
         """Unsubscribe and close the page."""
         self.topics.close()
+        self._newest_tracked.close()
         if self.page is not None:
             self.page.close()
 

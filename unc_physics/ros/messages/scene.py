@@ -662,7 +662,7 @@ def known_covariance(values, field, unknown, zero_is_exact):
     Parameters
     ----------
     values : (36,) array
-        As in `ObjectBelief`.
+        As in a message about a belief.
     field : str
         Its name in error messages.
     unknown : (6, 6) array

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseWithCovariance
 
 from unc_physics_msgs.msg import Action, ObjectState, TrackedObject, TrackedObjects
 from unc_physics_msgs.msg import Scene as SceneMessage
 
-from ...checks.errors import NotSupportedError, UncPhysicsError
+from ...checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
 from ...checks.validation import point, quaternion
 from ...scene.actions import PosePath
 from ...scene.belief import Belief
@@ -26,7 +27,7 @@ from ...spatial.rotation import rotation_matrix
 from ...tracking.hypotheses import UNKNOWN_SPIN, UNKNOWN_VELOCITY
 from ...tracking.measurements import PoseMeasurement
 from ...tracking.report import TrackStatus
-from .fields import packed, writable, xyz, xyzw
+from .fields import packed, pose_message, writable, xyz, xyzw
 from .prediction import write_state
 from .scene import CovarianceDefaults, known_covariance
 
@@ -116,6 +117,28 @@ def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> Pos
         return PoseMeasurement([*position, *q], to_body @ P @ to_body.T, origin="model")
     except UncPhysicsError as error:
         raise type(error)(error.problem, field=f"pose.{error.field}", value=error.value) from None
+
+
+def write_measurement(measurement: PoseMeasurement) -> PoseWithCovariance:
+    """Return a measured pose of a model's origin as a message.
+
+    Raises
+    ------
+    InvalidRequestError
+        If it is the pose of a centre of mass.
+    """
+    if measurement.origin != "model":
+        raise InvalidRequestError(
+            "must be 'model', as messages have poses of the model's origin",
+            field="measurement.origin",
+            value=measurement.origin,
+        )
+    to_fixed = np.eye(6)
+    to_fixed[3:, 3:] = rotation_matrix(writable(measurement.pose[3:]))
+    return PoseWithCovariance(
+        pose=pose_message(measurement.pose[:3], measurement.pose[3:]),
+        covariance=(to_fixed @ measurement.covariance @ to_fixed.T).ravel(),
+    )
 
 
 def before_first(observed: ObjectState, defaults: CovarianceDefaults) -> ObjectState:
