@@ -61,6 +61,7 @@ class Scenery:
         """The tracked objects by id."""
         fork = self.tracks.fork()
         fork.arrive()
+        self.tracks.keep(fork)
         return {own.id: own for own in fork.messages()}
 
 
@@ -127,6 +128,26 @@ def test_what_is_not_seen_coasts_and_is_forgotten(tracks):
     tracks.tracks.advance(tracks.stamp(0.3 + 4.9), SETTINGS)
     assert len(tracks.known()) == 1
     tracks.tracks.advance(tracks.stamp(0.3 + 5.1), SETTINGS)
+    assert not tracks.known()
+
+
+def test_going_on_in_parts_is_the_same_as_at_once(tracks):
+    for k in range(8):
+        tracks.see(k / 30, (0, 0, 0.6 - 0.5 * 9.81 * (k / 30) ** 2), named=True)
+    other = tracks.tracks.fork()
+    for t in (0.4, 0.6, 0.9):
+        tracks.tracks.advance(tracks.stamp(t), SETTINGS)
+        found = tracks.known()
+    other.advance(tracks.stamp(0.9), SETTINGS)
+    other.arrive()
+    assert other.messages() == list(found.values())
+
+
+def test_what_changes_meanwhile_is_not_undone(tracks):
+    tracks.see(0.0, (0, 0, 0), named=True)
+    fork = tracks.tracks.fork()
+    tracks.tracks.clear()
+    tracks.tracks.keep(fork)
     assert not tracks.known()
 
 

@@ -82,6 +82,7 @@ class Tracking:
         self._predictor = LatestWorker(self._predict, lambda: None)
         self._pending, self._pending_lock = 0, threading.Lock()
         self._skipped: dict[str, str] = {}
+        self._is_going_on = False
         self._clock: Any = node.get_clock()
         self._heard: tuple[int, int] | None = None  # newest stamp, and the clock when it arrived [ns]
         self._counts = server.diagnostics.track()
@@ -188,8 +189,9 @@ class Tracking:
             self._worker.submit(self._process, work, message, transform)
 
     def _tick(self):
-        """Go on without observations."""
-        if self._heard is not None:
+        """Go on without observations, unless the worker still does."""
+        if self._heard is not None and not self._is_going_on:
+            self._is_going_on = True
             with contextlib.suppress(RuntimeError):
                 self._worker.submit(self._go_on)
 
@@ -270,30 +272,35 @@ class Tracking:
 
     def _go_on(self):
         """Publish the belief of the present time if no observation has come meanwhile."""
-        if self._heard is None:
-            return
-        newest, then = self._heard
-        stamp, settings = newest + self._clock.now().nanoseconds - then, self._server.settings
-        if stamp - self._tracks.stamp < 0.5e9 / settings.tracked_rate or not self._tracks.names:
-            return
-        result = Result()
-        with self._server.errors_into(result):
-            try:
-                with self._lock:
-                    self._tracks.advance(stamp, settings)
-                    self._counts.set("objects", len(self._tracks.names))
-                self._publish()
-            except DivergedError:
-                self._clear()
-                raise
+        result, settings, heard = Result(), self._server.settings, self._heard
+        try:
+            with self._server.errors_into(result):
+                if heard is not None:
+                    self._advance(heard[0] + self._clock.now().nanoseconds - heard[1], settings)
+        finally:
+            self._is_going_on = False
         if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
             self._warn(f"the tracker failed: {result.error_msg}")
+
+    def _advance(self, stamp, settings):
+        if stamp - self._tracks.stamp < 0.5e9 / settings.tracked_rate or not self._tracks.names:
+            return
+        try:
+            with self._lock:
+                self._tracks.advance(stamp, settings)
+                self._counts.set("objects", len(self._tracks.names))
+            self._publish()
+        except DivergedError:
+            self._clear()
+            raise
 
     def _publish(self):
         """Publish the newest belief, and have it predicted."""
         with self._lock:
             present, skipped, self._skipped = self._tracks.fork(), self._skipped, {}
         present.arrive()
+        with self._lock:
+            self._tracks.keep(present)
         settings = self._server.settings
         header = Header(stamp=stamp_of(present.stamp), frame_id=settings.world_frame)
         message = TrackedObjects(header=header, objects=present.messages())

@@ -113,11 +113,13 @@ class Tracks:
 
     def __init__(self, library: ModelLibrary, environment: NodeEnvironment):
         self._library, self._environment = library, environment
+        self._changes = 0
         self.clear()
 
     def clear(self) -> None:
         """Forget all objects and what the robot does."""
         self._tracker: Any = None  # a Tracker while objects are known
+        self._change()
         self._epoch = self._stamp = self._observed = 0  # ns
         self._states: dict[str, ObjectState] = {}
         self._models: dict[str, str] = {}  # of all bodies
@@ -127,6 +129,10 @@ class Tracks:
         self._candidates: list[FirstObservation] = []
         self._numbers: dict[str, int] = {}  # of objects without an id, by model
         self._surroundings: tuple[int, Environment] = -1, Environment()
+
+    def _change(self):
+        self._ahead: Any = None  # fork of the tracker at the time of the newest belief, until a change
+        self._changes += 1
 
     @property
     def stamp(self) -> int:
@@ -183,6 +189,7 @@ class Tracks:
             outcome.is_too_late = True
             return outcome
         self._follow_environment(settings)
+        self._change()
         seen, born = self._associated(stamp, found, named, settings, outcome.skipped)
         seen |= self._added(stamp, born, settings, outcome)
         if seen:
@@ -243,6 +250,7 @@ class Tracks:
                 actions=[own.trajectory[1]],
             )
             robots[name] = Robot(state, read.scene.bodies[0], stamp), read.models[0]
+        self._change()
         for name, (robot, model) in robots.items():
             is_new = name not in self._robots
             self._robots[name], self._models[name] = robot, model
@@ -278,15 +286,21 @@ class Tracks:
         other = copy.copy(self)
         for name in ("_states", "_models", "_robots", "_seen"):
             setattr(other, name, dict(getattr(self, name)))
-        other._known, other._candidates = OrderedDict(), []
-        if self._tracker is not None:
-            other._tracker = self._tracker.fork()
+        other._known, other._candidates, other._ahead = OrderedDict(), [], None
+        newest = self._tracker if self._ahead is None else self._ahead
+        if newest is not None:
+            other._tracker = newest.fork()
         return other
 
     def arrive(self) -> None:
         """Advance a fork to the time of the newest belief."""
         if self._tracker is not None and (now := self._time(self._stamp)) > self._tracker.time:
             self._tracker.predict(now)
+
+    def keep(self, fork: Tracks) -> None:
+        """Keep the advanced tracker of a fork, from which later forks begin if nothing has changed."""
+        if fork._changes == self._changes and fork._tracker is not None:
+            self._ahead = fork._tracker.fork()
 
     def messages(self) -> list[TrackedObject]:
         """Return the tracked objects of a fork."""
@@ -588,6 +602,7 @@ class Tracks:
         if read is None:
             return []
         self._epoch = self._stamp = stamp
+        self._change()
         names = [read.scene.bodies[b].name for b in read.scene.moving]
         scene, belief = read.scene, read.belief if known_of is None else known_of(read.belief, names)
         if robots := [self._moved(robot) for robot in self._robots.values()]:
@@ -639,6 +654,7 @@ class Tracks:
                 self._remove(name, settings)
 
     def _remove(self, name, settings):
+        self._change()
         robot, state = self._robots.pop(name, None), self._states.pop(name, None)
         self._seen.pop(name, None)
         if self._tracker is None:
