@@ -244,6 +244,38 @@ def test_swapped_names_move_nothing(camera, listener, association):
         assert found[name].rejections == rejections
 
 
+def test_detections_are_tracked(camera, listener):
+    messages = pytest.importorskip("vision_msgs.msg", reason="needs vision_msgs, which is not on PyPI")
+    camera.begin()
+    publisher = listener.node.create_publisher(
+        messages.Detection3DArray, "/tracker/observations", qos_profile_sensor_data
+    )
+    wait_until(lambda: publisher.get_subscription_count() == 1)
+    time.sleep(0.3)
+    places = {
+        ("can", ""): (0.0, -0.2, 0.0),
+        ("can", " "): (0.0, 0.2, 0.0),
+        ("mug", "mug of Ann"): (1.0, 0.0, 0.0),
+    }
+    for k in range(4):
+        array = messages.Detection3DArray()
+        array.header.stamp, array.header.frame_id = camera.stamp(k * PERIOD), "world"
+        for (model, name), (x, y, z) in sorted(places.items(), reverse=bool(k % 2)):
+            own = messages.Detection3D(id=name.strip())
+            best = messages.ObjectHypothesisWithPose()
+            best.hypothesis.class_id, best.hypothesis.score = model, 0.9
+            best.pose.pose.position.x, best.pose.pose.position.y, best.pose.pose.position.z = x, y, z
+            best.pose.covariance = np.diag([STD**2] * 3 + [TURN_STD**2] * 3).ravel()
+            own.results = [best]
+            array.detections = [*array.detections, own]
+        publisher.publish(array)
+        found = camera.next()
+    assert not found.skipped
+    ys = {own.id: own.pose.pose.position.y for own in found.objects}
+    assert list(ys) == ["mug of Ann", "can_1", "can_2"]  # a can without an id needs a second detection
+    assert sorted([ys["can_1"], ys["can_2"]]) == pytest.approx([-0.2, 0.2], abs=0.01)
+
+
 def set_parameter(listener, name, value):
     kind = "string" if isinstance(value, str) else "double"
     message = ParameterValue(

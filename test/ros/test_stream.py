@@ -393,7 +393,7 @@ def test_detections_are_predicted(node, listener):
             ("the can", "can"),
             ("brick_2", "brick"),
         ]
-        assert [skipped.key for skipped in answer.skipped] == ["teapot_3"]
+        assert [skipped.key for skipped in answer.skipped] == ["teapot_3", "detection_1"]
 
 
 def test_a_tracked_object(node, listener):

@@ -42,12 +42,13 @@ class Scenery:
     def __init__(self, tracks, environment, library):
         self.tracks, self.environment, self.library = tracks, environment, library
 
-    def see(self, t, *places, named=False, settings=SETTINGS):
-        """Observe cans, at positions, after a time; with an id if ``named``."""
+    def see(self, t, *places, named=False, settings=SETTINGS, yaw=0.0):
+        """Observe cans, at positions and an angle, after a time; with an id if ``named``."""
         seen = []
         for k, place in enumerate(places):
             pose = PoseWithCovariance()
             pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = map(float, place)
+            pose.pose.orientation.z, pose.pose.orientation.w = float(np.sin(yaw / 2)), float(np.cos(yaw / 2))
             pose.covariance = np.diag([STD**2] * 3 + [0.02**2] * 3).ravel()
             seen.append(detected_object(f"can {k}", "can", pose, self.library, 1.0))
         ids = {own.id for own in seen} if named else ()
@@ -129,6 +130,23 @@ def test_what_is_not_seen_coasts_and_is_forgotten(tracks):
     assert len(tracks.known()) == 1
     tracks.tracks.advance(tracks.stamp(0.3 + 5.1), SETTINGS)
     assert not tracks.known()
+
+
+@pytest.mark.parametrize("axis", ["z", ""])
+def test_the_angle_about_an_axis_of_symmetry_does_not_count(tracks, axis):
+    settings = Settings(
+        track=True, tracking_members=16, exact=True, symmetric_models=("can",), symmetry_axes=("z",)
+    )
+    for k, yaw in enumerate((0.0, 2.0, -1.0, 3.0, 0.5, -2.5, 1.0)):
+        t = k / 30
+        place = 0, 0, 0.6 - 0.5 * 9.81 * t**2
+        tracks.see(t, place, named=True, settings=settings if axis else SETTINGS, yaw=yaw)
+    (own,) = tracks.known().values()
+    if axis:
+        assert own.rejections == 0 and own.status == TrackedObject.STATUS_TRACKED
+        assert own.twist.twist.linear.z == pytest.approx(-9.81 * t, abs=0.1)
+    else:
+        assert own.status == TrackedObject.STATUS_CARRIED  # by something that turns it to and fro
 
 
 def test_going_on_in_parts_is_the_same_as_at_once(tracks):

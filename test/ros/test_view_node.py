@@ -70,6 +70,7 @@ def test_the_page_follows_the_scene(publisher, client):
         """Whether the page shows this tracked object, and where it will be after 0.1 s."""
         of_tracker.publish(TrackedObjects(objects=[tracked]))
         executor.spin_once(timeout_sec=0.1)
+        assert node.page is not None
         drawn, place = node.page.drawn.frames.positions, tracked.pose.pose.position
         if [body.name for body in node.page.drawn.scene.bodies] != [tracked.id]:
             return False

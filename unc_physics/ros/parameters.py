@@ -32,6 +32,7 @@ from .messages.scene import CovarianceDefaults
 
 _EVERYDAY = PRESETS["everyday"]
 _AUTO_OVERLAP = "auto"
+AXES = "x", "y", "z"
 _REJECTING = names_where(lambda propagator: propagator.supports.overlap_rejection)
 
 
@@ -257,6 +258,12 @@ class Settings:
         read_only=True,
     )
     observed_models: tuple[str, ...] = parameter(("",), "Model of each of those objects.", read_only=True)
+    symmetric_models: tuple[str, ...] = parameter(
+        ("",), "Models that look the same at every angle about an axis.", read_only=True
+    )
+    symmetry_axes: tuple[str, ...] = parameter(
+        ("",), "This axis of each of them, of the model's coordinates.", choices=AXES, read_only=True
+    )
     association: str = parameter(
         "id",
         "How an observation finds its object: by the id, and by distance without one ('id'), or always by"
@@ -348,6 +355,12 @@ class Settings:
                 f"must name a model for each of the {len(self.observed_objects)} observed_objects",
                 field="observed_models",
                 value=list(self.observed_models),
+            )
+        if len(self.symmetric_models) != len(self.symmetry_axes):
+            raise InvalidOptionError(
+                f"must name an axis for each of the {len(self.symmetric_models)} symmetric_models",
+                field="symmetry_axes",
+                value=list(self.symmetry_axes),
             )
         for name, topic in [
             *(("tracked_topics", topic) for topic in self.tracked_topics if topic),

@@ -34,6 +34,7 @@ from ..scene.scene import Scene
 from ..scene.stiffness import AUTO
 from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
 from ..tracking.measurements import PoseMeasurement
+from ..tracking.symmetry import AxialSymmetry
 from ..tracking.tracker import Tracker
 from .association import Place, assign, smallest_extent
 from .environment import HOW_TO_SET, NodeEnvironment
@@ -42,7 +43,7 @@ from .messages.request import Job, RequestedOutputs, check_answer
 from .messages.scene import AllSkippedError, SceneLimits, read_scene, write_joint_covariance, write_object
 from .messages.tracking import Seen, before_first, check_path, later_path, read_measurement, write_tracked
 from .models import ModelLibrary, packing_info
-from .parameters import Settings
+from .parameters import AXES, Settings
 
 #: Time without observations after which all objects begin anew [s].
 _LONGEST_GAP = 60.0
@@ -557,7 +558,8 @@ class Tracks:
             covariance=read.belief.blocks[0],
         )
         try:
-            self._tracker.add(read.scene.bodies[0], belief)
+            symmetry = _symmetry(self._models[state.id], settings)
+            self._tracker.add(read.scene.bodies[0], belief, symmetry)
         except NotSupportedError:  # it brings uncertain parameters, such as friction where there was none
             self._rebuild(settings, state)
         return True
@@ -609,8 +611,14 @@ class Tracks:
             scene = replace(scene, bodies=[*scene.bodies, *robots])
             first = [path.states[0] for body in robots if (path := body.trajectory) is not None]
             belief = Belief.trusted(np.array([*belief.mean, *first]), belief.covariance, belief.moving)
+        found = {name: _symmetry(self._models[name], settings) for name in names}
         self._tracker = Tracker(
-            scene, belief, members=settings.tracking_members, window=settings.tracking_window, seed=_SEED
+            scene,
+            belief,
+            members=settings.tracking_members,
+            window=settings.tracking_window,
+            seed=_SEED,
+            symmetries={name: own for name, own in found.items() if own is not None},
         )
         return names
 
@@ -686,6 +694,14 @@ def warm_up_tracker(scene: Scene, belief: Belief, _propagator: object, horizon: 
 def _rows_of(places):
     """Return the rows in a joint covariance of moving bodies by their places."""
     return (ERROR * np.array(places, int)[:, None] + np.arange(ERROR)).ravel()
+
+
+def _symmetry(model, settings):
+    """Return the symmetry of a model; None if it has none."""
+    for name, axis in zip(settings.symmetric_models, settings.symmetry_axes, strict=True):
+        if model and name == model:
+            return AxialSymmetry(np.eye(3)[AXES.index(axis or AXES[-1])])
+    return None
 
 
 def _limits(settings):
