@@ -195,6 +195,20 @@ def test_a_floor_that_vanishes_lets_objects_fall(tracks):
     assert 0.5 * 9.81 * 0.4**2 - 0.05 < fallen < 0.5 * 9.81 * 0.7**2
 
 
+def test_an_obstacle_that_becomes_an_object_is_no_obstacle(tracks):
+    block = EnvironmentElement(id="can 1/0")  # as a planning scene names the first shape of an object
+    block.primitive.type, block.primitive.dimensions = block.primitive.BOX, [0.1, 0.1, 0.2]
+    block.pose.position.x, block.pose.position.z = 1.0, 0.1
+    tracks.environment.set([*floor(), block])
+    tracks.see(0.0, (0, 0, 0), named=True)
+    assert tracks.see(0.1, (0, 0, 0), (1, 0, 0), named=True).births == 1
+    places = {name: (own.pose.pose.position.x, height(own)) for name, own in tracks.known().items()}
+    assert places["can 0"] == pytest.approx((0.0, 0.0), abs=0.02)
+    assert places["can 1"] == pytest.approx((1.0, 0.0), abs=0.02)
+    fork = tracks.tracks.fork()
+    assert [element.name for element in fork.scene.environment] == ["floor"]
+
+
 def test_after_a_long_gap_objects_begin_anew(tracks):
     tracks.see(0.0, (0, 0, 0), named=True)
     outcome = tracks.see(100.0, (3, 0, 0), named=True)

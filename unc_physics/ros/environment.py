@@ -90,7 +90,7 @@ class NodeEnvironment:
         if len(scene.environment.elements) or scene.environment.complete or not self.is_set:
             return scene
         objects = {own.id for own in scene.objects}
-        kept = [element for element in self.message.elements if element.id.partition("/")[0] not in objects]
+        kept = [element for element in self.message.elements if _object_of(element) not in objects]
         return Scene(
             header=scene.header,
             objects=scene.objects,
@@ -99,6 +99,15 @@ class NodeEnvironment:
             common_pose_origin=scene.common_pose_origin,
             joint_covariance=scene.joint_covariance,
         )
+
+
+def objects_of(environment: Environment) -> set[str]:
+    """Return the ids of the objects that elements of a planning scene belong to."""
+    return {_object_of(element) for element in environment.elements}
+
+
+def _object_of(element):
+    return element.id.partition("/")[0]
 
 
 def _named(element, k):

@@ -37,7 +37,7 @@ from ..tracking.measurements import PoseMeasurement
 from ..tracking.symmetry import AxialSymmetry
 from ..tracking.tracker import Tracker
 from .association import Place, assign, smallest_extent
-from .environment import HOW_TO_SET, NodeEnvironment
+from .environment import HOW_TO_SET, NodeEnvironment, objects_of
 from .messages.actions import group_actions, write_actions
 from .messages.request import Job, RequestedOutputs, check_answer
 from .messages.scene import AllSkippedError, SceneLimits, read_scene, write_joint_covariance, write_object
@@ -557,6 +557,9 @@ class Tracks:
             angular_velocity=mean[ANGULAR_VELOCITY],
             covariance=read.belief.blocks[0],
         )
+        if state.id in objects_of(self._surroundings[1]):  # a planning scene has the object, too
+            self._rebuild(settings, state)
+            return True
         try:
             symmetry = _symmetry(self._models[state.id], settings)
             self._tracker.add(read.scene.bodies[0], belief, symmetry)
