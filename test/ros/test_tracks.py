@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovariance
-from shape_msgs.msg import Plane
+from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
 from unc_physics.checks.errors import InvalidEnvironmentError
@@ -197,7 +197,7 @@ def test_a_floor_that_vanishes_lets_objects_fall(tracks):
 
 def test_an_obstacle_that_becomes_an_object_is_no_obstacle(tracks):
     block = EnvironmentElement(id="can 1/0")  # as a planning scene names the first shape of an object
-    block.primitive.type, block.primitive.dimensions = block.primitive.BOX, [0.1, 0.1, 0.2]
+    block.primitive = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.1, 0.1, 0.2])
     block.pose.position.x, block.pose.position.z = 1.0, 0.1
     tracks.environment.set([*floor(), block])
     tracks.see(0.0, (0, 0, 0), named=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -79,7 +80,7 @@ class Tracking:
         self._lock = threading.Lock()  # of the tracks
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="tracking")
         self._waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
-        self._predictor = LatestWorker(self._predict, lambda: None)
+        self._predictor, self._ended = LatestWorker(self._predict, lambda: None), threading.Event()
         self._pending, self._pending_lock = 0, threading.Lock()
         self._skipped: dict[str, str] = {}
         self._is_going_on = False
@@ -121,6 +122,7 @@ class Tracking:
     def close(self) -> None:
         """Withdraw topics and services."""
         node = self._server.node
+        self._ended.set()
         self._jumps.unregister()
         node.destroy_timer(self._timer)
         for service in self._services:
@@ -323,8 +325,12 @@ class Tracking:
     # -- predictions -------------------------------------------------------------------------------
 
     def _predict(self, present):
-        """Predict a fork for the stream's horizons; must not raise."""
+        """Predict a fork for the stream's horizons; must not raise.
+
+        A pause of the same length leaves time for the tracker. The newest belief waits meanwhile.
+        """
         server, settings, result = self._server, self._server.settings, Result()
+        began = time.perf_counter()
         with server.errors_into(result):
             times, message = sorted(set(settings.horizons)), Prediction()
             outputs = RequestedOutputs(probabilities=settings.stream_probabilities)
@@ -333,6 +339,7 @@ class Tracking:
             self._stream.publish(message, job)
         if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
             self._warn(f"a tracked scene was not predicted: {result.error_msg}")
+        self._ended.wait(time.perf_counter() - began)
 
     def _write(self, message, job, prediction: CorePrediction, stamp):
         settings, header = self._server.settings, Header(stamp=stamp_of(stamp))
