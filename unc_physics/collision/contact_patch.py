@@ -489,6 +489,7 @@ def write_contact(x, i, j, k, speeds_only, world, work):
     if j < 0 or not work.moving[j]:
         row[FALL] += n[0] * world.gravity[0] + n[1] * world.gravity[1] + n[2] * world.gravity[2]
     row[RESTITUTION] = math.sqrt(world.implicit.restitution[i] * world.implicit.restitution[partner])
+    row[ROLL_RADIUS] = reach
     if speeds_only:
         _write_direction(row, DIRECTION, n)
         _write_direction(row, MOMENT_I, cross(arm, n))
@@ -497,7 +498,6 @@ def write_contact(x, i, j, k, speeds_only, world, work):
             _write_direction(row, MOMENT_J, cross(other, n))
         return
     first, second = tangents(n)
-    row[ROLL_RADIUS] = reach
     row[FRICTION] = math.sqrt(world.implicit.friction[i] * world.implicit.friction[partner])
     row[INVERSE_MASS_I] = work.inverse_mass[i]
     row[INVERSE_MASS_J] = work.inverse_mass[j] if j >= 0 else 0.0

@@ -102,6 +102,8 @@ class ImplicitWorkspace(NamedTuple):
     impulses : (6, C, 4) float64
         Normal and tangential impulses [N s], and moments about the normal [N m s], indexed by `LASTING` to
         `BEST`.
+    settled : (B,) bool
+        Bodies with contacts that closed from the beginning of an interval without an impact.
     part : (B,) int64
         Labels of connected bodies in an impact; positive for bodies that take part.
     throw_pace : (B,) float64
@@ -159,6 +161,7 @@ class ImplicitWorkspace(NamedTuple):
     torsion_rows: np.ndarray
     ids: np.ndarray
     impulses: np.ndarray
+    settled: np.ndarray
     part: np.ndarray
     throw_pace: np.ndarray
     candidates: np.ndarray
@@ -242,6 +245,7 @@ def implicit_workspace(x, kept_overlap, world, room):
         empty((torsion_rows, TORSION_ROW)),
         integers((contacts, 4)),
         empty((6, contacts, 4)),
+        booleans(count),
         integers(count),
         empty(count),
         empty((candidates, 8)),

@@ -2,7 +2,7 @@
 
 import math
 
-from ..collision.contact_row import FALL, GAP, RESTITUTION
+from ..collision.contact_row import FALL, GAP, RESTITUTION, ROLL_RADIUS
 from ..collision.contact_simd import contact_speeds
 from ..collision.implicit_workspace import CONTACTS, FREE, START
 from ..compiler import inner
@@ -13,6 +13,7 @@ _ALMOST = 0.9  # share of the impact speed above which a closing contact may hav
 #: Contacts with at least this restitution lose too little speed to come to rest soon. Each closing of theirs
 #: above a speed [m/s] is an impact, independent of the step.
 LIVELY, _SLOWEST_LIVELY = 0.7, 1e-3
+_DEEP = 0.01  # depth that contacts may reach without an impact, relative to the smaller body's radius
 
 
 @inner(forceinline=True)
@@ -41,44 +42,82 @@ def time_after(row, gap, speed, threshold):
     return 2.0 * way / (root - speed) if root - speed > 0.0 else math.inf
 
 
+@inner(forceinline=True)
+def must_collide(row, depth):
+    """Return whether a contact that becomes so deep [m] has an impact even after many in the same step."""
+    return row[RESTITUTION] >= LIVELY or depth > _DEEP * row[ROLL_RADIUS]
+
+
+@inner(forceinline=True)
+def depth_after(row, speed, h):
+    """Return the depth of a contact after free motion of ``h`` seconds [m]."""
+    return -row[GAP] - h * (speed + 0.5 * h * row[FALL])
+
+
 @inner
-def impact_now(threshold, rebound, work):
-    """Return whether a touching contact closes fast, with a restitution of at least ``rebound``."""
+def impact_now(left, threshold, limited, work):
+    """Return whether a touching contact closes fast.
+
+    With ``limited``, only contacts count that `must_collide`, if they closed for ``left`` seconds.
+    """
     rows, ids = work.rows, work.ids
     for c in range(work.counts[CONTACTS]):
         row = rows[c]
-        if row[GAP] <= TOUCHING and row[RESTITUTION] >= rebound:
+        if row[GAP] <= TOUCHING:
             speed = contact_speeds(row, work.velocity[START], ids[c, 0], ids[c, 1])[0]
             if speed < -impact_speed(row[RESTITUTION], threshold):
-                return True
+                if not limited or must_collide(row, depth_after(row, speed, left)):
+                    return True
     return False
 
 
 @inner(error_model="numpy")
-def time_to_impact(left, threshold, rebound, work):
-    """Return the time until the first impact of a current contact with a restitution of at least ``rebound``.
+def time_to_impact(left, threshold, limited, work):
+    """Return the time until the first impact of a current contact.
 
-    Without an impact within ``left`` seconds, return ``left``.
+    Without an impact within ``left`` seconds, return ``left``. ``limited`` is as in `impact_now`.
     """
     rows, ids, first = work.rows, work.ids, left
     for c in range(work.counts[CONTACTS]):
-        if rows[c, RESTITUTION] >= rebound:
-            speed = contact_speeds(rows[c], work.velocity[START], ids[c, 0], ids[c, 1])[0]
-            first = min(first, time_to_close(rows[c], speed, impact_speed(rows[c, RESTITUTION], threshold)))
+        row = rows[c]
+        speed = contact_speeds(row, work.velocity[START], ids[c, 0], ids[c, 1])[0]
+        if not limited or must_collide(row, depth_after(row, speed, left)):
+            first = min(first, time_to_close(row, speed, impact_speed(row[RESTITUTION], threshold)))
     return first
 
 
 @inner
-def impact_before(h, threshold, work):
+def impact_before(h, threshold, limited, work):
     """Return the time of the first possible impact of a current contact in the past ``h`` seconds.
 
     The motion was free. Without an impact, return ``h``. Return 0 if a contact was already closing at the
-    beginning and is closed now.
+    beginning and is closed now, unless both bodies are `settled`. With ``limited``, only contacts count that
+    `must_collide`.
     """
     first = h
     for c in range(work.counts[CONTACTS]):
-        first = min(first, time_before(c, h, threshold, work))
+        if not limited or must_collide(work.rows[c], -work.rows[c, GAP]):
+            time = time_before(c, h, threshold, work)
+            if time > 0.0 or not are_settled(c, work):
+                first = min(first, time)
     return first
+
+
+@inner(forceinline=True)
+def are_settled(c, work):
+    """Return whether contact ``c`` has touched since the beginning without an impact."""
+    i, j = work.ids[c, 0], work.ids[c, 1]
+    return work.settled[i] and (j < 0 or work.settled[j] or not work.moving[j])
+
+
+@inner
+def settle(h, threshold, work):
+    """Mark the bodies of contacts that were closing at the beginning of the past ``h`` seconds as settled."""
+    for c in range(work.counts[CONTACTS]):
+        if time_before(c, h, threshold, work) == 0.0:
+            work.settled[work.ids[c, 0]] = True
+            if work.ids[c, 1] >= 0:
+                work.settled[work.ids[c, 1]] = True
 
 
 @inner(error_model="numpy", forceinline=True)

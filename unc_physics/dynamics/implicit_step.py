@@ -1,8 +1,9 @@
 """The implicit step, group by group: search, impacts at their own times, lasting contacts, motion.
 
 A group is a set of bodies that may touch in the step. It moves to its first impact, where impulses change
-velocities instantaneously, then to the next. There are at most `_IMPACTS`, or `_LIVELY_IMPACTS`. The
-remaining interval is one solution of the lasting contacts. Groups are computed independently.
+velocities instantaneously, then to the next. There are at most `_IMPACTS`, or `_MOST_IMPACTS` of contacts
+that would become deep or are elastic. The remaining interval is one solution of the lasting contacts. Groups
+are computed independently.
 """
 
 import math
@@ -57,7 +58,7 @@ from .actions import push
 from .free_motion import integrate_gyroscopic, integrate_rotation
 from .friction import holds, weaken_with_speed
 from .impact_error import disturb, is_drawn
-from .impact_time import LIVELY, TOUCHING, impact_before, impact_now, impact_speed, time_to_impact
+from .impact_time import LIVELY, TOUCHING, impact_before, impact_now, impact_speed, settle, time_to_impact
 from .implicit_solver import find_leads, solve_impact, solve_lasting
 from .implicit_stages import (
     after_flight,
@@ -88,11 +89,13 @@ from .middle_arms import push_in_the_middle
 #: of speed in a number of steps. Without gravity nothing needs to come to rest, so that even the slowest
 #: approach is an impact.
 _SLOWEST_IMPACT, _LOWEST_FALL, _IMPACT_STEPS = 1e-5, 5e-4, 2.5
-#: Limits per step of a group: impacts, and searches for them. Beyond these, only contacts with a restitution
-#: of at least `LIVELY` have impacts, up to the second limits. A light body between heavy ones has many. The
-#: rest become lasting contacts.
+#: Limits per step of a group: impacts, and searches for them. Beyond these, only contacts that `must_collide`
+#: have impacts, up to the second limits. A light body between heavy ones has many. The rest become lasting
+#: contacts.
 _IMPACTS, _CUTS = 4, 16
-_LIVELY_IMPACTS, _LIVELY_CUTS = 64, 256
+_MOST_IMPACTS, _MOST_CUTS = 64, 256
+#: Share of an interval to which it is shortened before contacts that close all the time are `settled`.
+_SETTLED = 0.2
 #: Distance within which no contact can begin and end undetected [m].
 _SHORT_WAY = 4e-3
 # sleep: speed [m/s], number of contacts
@@ -393,6 +396,8 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
     if kinematic:  # another group may have moved them
         place_kinematic(x, count, time - left, world, work)
     before_group(method, count, world, work)
+    for a in range(count):
+        work.settled[work.members[a]] = False
     # ``looked``: contacts of this pose were selected by their gaps alone, and none was an impact. ``near``:
     # the time of the first impact among them.
     looked, near = False, left
@@ -404,7 +409,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
         work.counts[CONTACTS] = 0
         closing = fastest_closing(x, count, world, work)
         collides = closing > slowest
-        # then only elastic contacts have impacts, and all of these are searched
+        # then few contacts have impacts, and all of these are searched
         careful = careful or cuts >= _CUTS
         searched = horizon == 0.0 or (collides and (careful or closing * left > _SHORT_WAY))
         if searched:
@@ -416,28 +421,31 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
             if work.counts[OVERFLOW] != NO_OVERFLOW:
                 break
             touching = work.counts[CONTACTS] > 0
-        rebound = 0.0 if impacts < _IMPACTS and cuts < _CUTS else LIVELY
-        if work.counts[CONTACTS] > 0 and impacts < _LIVELY_IMPACTS and cuts < _LIVELY_CUTS:
+        limited = impacts >= _IMPACTS or cuts >= _CUTS
+        may_collide = impacts < _MOST_IMPACTS and cuts < _MOST_CUTS
+        if work.counts[CONTACTS] > 0 and may_collide:
             _read_velocities(x, count, work.members, work.velocity)
             if kinematic:
                 read_kinematic(x, count, world, work)
-            now = impact_now(threshold, rebound, work)
+            now = impact_now(left, threshold, limited, work)
             if now and (horizon == 0.0 or looked):  # a deeper opening contact can hide a closing one
                 collide(x, count, time, impacts, first_time, residual, world, threshold, key, method, work)
                 impacts += 1
+                for a in range(count):
+                    work.settled[work.members[a]] = False
                 looked = False
                 horizon = left
                 continue
             if horizon == 0.0:
                 looked = True
-                near = time_to_impact(left, threshold, rebound, work)
+                near = time_to_impact(left, threshold, limited, work)
                 horizon = left
                 continue
             if now:
                 horizon = 0.0
                 cuts += 1
                 continue
-            until = time_to_impact(left, threshold, rebound, work)
+            until = time_to_impact(left, threshold, limited, work)
             if looked:  # contacts that become deeper may hide those that touch first
                 until = min(until, near)
         elif horizon == 0.0:
@@ -449,8 +457,8 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
         travel_to_contacts(x, count, until, end, touching, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             break
-        if collides and cuts < _CUTS:
-            first = impact_before(until, threshold, work)
+        if collides and may_collide:
+            first, whole = impact_before(until, threshold, limited, work), until
             if first < until and not searched:
                 _travel_back(x, count, time - left, world, work)
                 careful = True
@@ -469,10 +477,13 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
                 until = first
                 end = time - left + until
                 travel_to_contacts(x, count, until, end, True, world, work)
-                if work.counts[OVERFLOW] != NO_OVERFLOW or not again or cuts >= _CUTS:
+                if work.counts[OVERFLOW] != NO_OVERFLOW or not again:
                     break
                 cuts += 1
-                first = impact_before(until, threshold, work)
+                first = impact_before(until, threshold, limited, work)
+                if first == 0.0 and until < _SETTLED * whole:
+                    settle(until, threshold, work)
+                    break
             if work.counts[OVERFLOW] != NO_OVERFLOW:
                 break
         if touching:

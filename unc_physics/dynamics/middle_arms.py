@@ -32,8 +32,10 @@ from ..collision.contact_row import (
     SLIP_COMPLIANCE,
     TURN_I,
 )
+from ..collision.contact_simd import plane_mask
 from ..collision.implicit_workspace import CONTACTS, FREE, START
 from ..compiler import inner
+from ..compiler.simd import LANES, lowest_bit
 from ..spatial.rotation import cross, exp, rotate, rotate_back
 from ..spatial.vectors import dot, minus, plus, put, three, times, triple, vector
 from .implicit_solver import next_patch, rolling_depth
@@ -297,24 +299,41 @@ def _support(n, back, along, axis, sphere, i, R, world):
     smoothing, slope = _SMOOTHING * radius, _SLOPE / radius
     center = world.tree.centers[sphere]
     offset = axis[0] * center[0] + axis[1] * center[1] + axis[2] * center[2]
-    least, lowest = np.inf, low
-    for k in range(low, high):
-        apart = axis[0] * hull[0, k] + axis[1] * hull[1, k] + axis[2] * hull[2, k] - offset
-        height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k] + slope * apart * apart
-        if height < least:
-            least, lowest = height, k
+    plane, least, lowest = (x, y, z, 0.0), np.inf, low
+    for first in range(low, high, LANES):  # heights without the slope are lower, and tested eight at once
+        mask = _lower(hull, first, high, plane, least)
+        while mask != 0:
+            k = first + lowest_bit(mask)
+            mask &= mask - np.uint64(1)
+            apart = axis[0] * hull[0, k] + axis[1] * hull[1, k] + axis[2] * hull[2, k] - offset
+            height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k] + slope * apart * apart
+            if height < least:
+                least, lowest = height, k
     middle = ax * hull[0, lowest] + ay * hull[1, lowest] + az * hull[2, lowest]
     total = place = 0.0
-    for k in range(low, high):
-        apart = axis[0] * hull[0, k] + axis[1] * hull[1, k] + axis[2] * hull[2, k] - offset
-        height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k] + slope * apart * apart
-        if height - least < _CUT * smoothing:
-            at = ax * hull[0, k] + ay * hull[1, k] + az * hull[2, k]
-            if abs(at - middle) < _WIDTH * radius:
-                share = math.exp((least - height) / smoothing)
-                total += share
-                place += share * at
+    for first in range(low, high, LANES):
+        mask = _lower(hull, first, high, plane, least + _CUT * smoothing)
+        while mask != 0:
+            k = first + lowest_bit(mask)
+            mask &= mask - np.uint64(1)
+            apart = axis[0] * hull[0, k] + axis[1] * hull[1, k] + axis[2] * hull[2, k] - offset
+            height = x * hull[0, k] + y * hull[1, k] + z * hull[2, k] - hull[3, k] + slope * apart * apart
+            if height - least < _CUT * smoothing:
+                at = ax * hull[0, k] + ay * hull[1, k] + az * hull[2, k]
+                if abs(at - middle) < _WIDTH * radius:
+                    share = math.exp((least - height) / smoothing)
+                    total += share
+                    place += share * at
     return least, least - smoothing * math.log(total), place / total
+
+
+@inner(forceinline=True)
+def _lower(hull, first, end, plane, limit):
+    """Return a mask of the spheres from ``first`` on, eight before ``end``, that are below a height [m]."""
+    mask = plane_mask(hull, first, plane, plane, limit)
+    if end - first < LANES:
+        mask &= (np.uint64(1) << np.uint64(end - first)) - np.uint64(1)
+    return mask
 
 
 @inner(forceinline=True)
