@@ -1,5 +1,7 @@
 """Random everyday scenes: bodies are counted as wrong, good and flagged by what is known of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from unc_physics import make_propagator, predict
 from unc_physics_evaluation.answers import Answer, Moments, count, distance
 from unc_physics_evaluation.everyday_scenes import KINDS, kind_of, scene_at_random
 from unc_physics_evaluation.experiments import scenes_at_random
+from unc_physics_evaluation.experiments.scenes_at_random import misses_goal
 from unc_physics_evaluation.jobs import Job, Outcome, Row, Settings
 from unc_physics_evaluation.results import Results
 
@@ -108,3 +111,13 @@ def test_a_method_that_is_the_truth_is_right_and_unflagged(monkeypatch):
     assert own.factor == 1.0 and own.mean_error < 1e-6 and own.good and not own.falsely
     (few,) = found["MC-3"]
     assert few.flagged and few.falsely and not few.good
+
+
+def test_a_goal_is_missed_where_so_many_outcomes_would_miss_it():
+    """One in a hundred lies 1 m away: a spread has a relative error of sqrt(99 / n) / 2."""
+    states = np.zeros((10_000, 1, 13))
+    states[..., 9] = 1.0
+    states[:100, 0, 0] = 1.0
+    truth = SimpleNamespace(at=lambda: SimpleNamespace(rollout_states=states))
+    missed = [misses_goal(truth, 0, count, make_propagator("auto")) for count in (99, 2400, 2550)]
+    assert missed == [True, True, False]

@@ -12,8 +12,11 @@ from unc_physics.prediction.body_status import BodyStatus, Status
 from unc_physics.prediction.diagnostics import RULES, raised
 from unc_physics.prediction.probability import CONFIDENCE
 from unc_physics.prediction.status import assess
+from unc_physics.propagators.auto import Auto
+from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION
+from unc_physics.spatial.moments import mean_and_errors
 
-from ..answers import Answer, Counts, Moments, count, distance
+from ..answers import NOTHING, Answer, Counts, Moments, count, distance
 from ..everyday_scenes import KINDS, kind_of, scene_at_random
 from ..goals import Figure, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
@@ -80,7 +83,8 @@ def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
     """Rows of one method; none where it does not take the scene.
 
     A flag is confirmed where the same measure of the truth raises it. Of those that say that no mean stands
-    for the outcomes (`SHAPE`), any one of the truth's confirms any.
+    for the outcomes (`SHAPE`), any one of the truth's confirms any. That a goal is missed is confirmed where
+    the truth's outcomes vary so much (`misses_goal`).
     """
     scene, belief, horizon = scene_at_random(job.parameters["scene"])
     of, options = METHODS[name]
@@ -105,6 +109,8 @@ def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
         factor, mean_error = distance(found, true)
         flags = reasons(statuses[k])
         known = confirmed[k] | (SHAPE if confirmed[k] & SHAPE else set())
+        if isinstance(own, Auto) and misses_goal(truth, k, len(prediction.at().rollout_states), own):
+            known = known | {"missed_goal"}
         values = {
             FACTOR: factor,
             MEAN: mean_error,
@@ -116,9 +122,26 @@ def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
     return rows
 
 
+def misses_goal(truth, body: int, rollouts: int, own: Auto) -> bool:
+    """Whether so many independent rollouts know a body's mean and spread less surely than asked.
+
+    The standard errors are those of the truth's outcomes.
+    """
+    states = np.ascontiguousarray(truth.at().rollout_states[:, body : body + 1])
+    errors = mean_and_errors(states, np.arange(1))[1]
+    if 1.0 / np.sqrt(rollouts) > own.error:
+        return True
+    for block, nothing in zip((ERR_POSITION, ERR_ROTATION), NOTHING, strict=True):
+        squares = (errors[:, block] ** 2).sum(axis=1)
+        variance = max(squares.mean(), nothing**2)
+        if squares.std() / (2.0 * variance * np.sqrt(rollouts)) > own.spread_error:
+            return True
+    return False
+
+
 def holds(measures: Mapping[str, float], found: Moments, true: Moments) -> bool:
     """Whether intervals of the reported standard errors, as wide as those of probabilities, hold."""
-    if "spread_error" not in measures:
+    if not {"spread_error", "mean_error"} <= set(measures):
         return False
     factor, _ = distance(found, true)
     _, mean_error = distance(true, found)  # over the predicted standard deviation
