@@ -17,7 +17,7 @@ from .progress import told_progress
 
 _SHOWN_STATE = 1000.0  # bytes of a body's state as Python numbers and as text
 _TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME}"
-_SMOOTH = 2e-4  # m; bumps above change how far a round body rolls
+_SMOOTH = 0.2  # mm; bumps above change how far a round body rolls
 _UNKNOWN = 20  # limit above which unknown probabilities are only counted
 
 
@@ -331,8 +331,8 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
             continue
         sink = body.model.sink
         if meets and sink is not None and sink > SINK:
-            rolls = loss is not None and loss > _SMOOTH
-            bumps = f", and it rolls less far on bumps of up to {1e3 * loss:.1f} mm" if rolls else ""
+            height = 1e3 * (loss or 0.0)
+            bumps = f", and it rolls less far on bumps of up to {height:.1f} mm" if height > _SMOOTH else ""
             note(
                 f"{printable(body.name)} has {len(body.model)} spheres, and a ball of 10 mm sinks between"
                 f" them by {1e3 * sink:.1f} mm{bumps}; spheres: auto takes as many as are needed"
