@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..scene.belief import Belief
+from ..spatial.layout import ERROR
 from ..spatial.moments import spread_states
 from .monte_carlo import MonteCarlo
 from .sobol import normal_points
@@ -56,7 +57,10 @@ class WideMonteCarlo(BalancedMonteCarlo):
         )
 
     def drawn_parameters(self, scene, count):
-        return WIDE * super().drawn_parameters(scene, count)
+        if count < 2:
+            return WIDE * super().drawn_parameters(scene, count)
+        first = ERROR * len(scene.moving)  # the columns before are those of the states
+        return WIDE * _balanced(normal_points(count, first + len(scene.uncertain), self.seed)[:, first:])
 
 
 def _balanced(z):
