@@ -173,6 +173,21 @@ def on_edge(distance):
     return scene, Belief.of(scene, {"brick": start}), std
 
 
+def test_a_picture_holds_all_outcomes_that_it_draws(pushed):
+    """Cartons that fell lie farther out than two standard deviations from the mean of all."""
+    scene, belief, horizon = pushed
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=60, seed=0), horizon)
+    assert len(prediction["carton"].modes) > 1
+    drawn = 0
+    for axes in prediction.plot().axes[:2]:
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        for image in axes.images:
+            one, other, below, above = image.get_extent()
+            assert left <= one and other <= right and bottom <= below and above <= top
+            drawn += 1
+    assert drawn > 10
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_wide_rollouts_spread_parameters_evenly(seed):
     """Beyond 0.9 standard deviations of a normal number are 18.4 % on each side, 4.4 of 24."""

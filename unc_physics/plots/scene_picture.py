@@ -57,7 +57,8 @@ def draw_prediction(prediction: Any, title: str = "") -> Figure:
 
     scene, initial = prediction.scene, prediction.initial
     beliefs = (initial, *prediction.beliefs)
-    low, high = bounds(scene, beliefs)
+    shown = [_shown(prediction, k) for k in range(len(scene.bodies))]
+    low, high = bounds(scene, beliefs, shown)
     wide, deep, tall = high - low
     height = 1.3 + _LEGEND + min(9.0, 9.2 * (tall + deep) / wide)
     figure = Figure(figsize=(10.0, height))
@@ -67,7 +68,7 @@ def draw_prediction(prediction: Any, title: str = "") -> Figure:
     )
     for row, (view, label) in enumerate(((SIDE, "z [m]"), (_ABOVE, "y [m]"))):
         axes = figure.add_subplot(grid[row])
-        _draw_view(axes, prediction, beliefs, view, low, high)
+        _draw_view(axes, prediction, beliefs, shown, view, low, high)
         axes.set_ylabel(label)
     axes.set_xlabel("x [m]")
     method = prediction.propagator.name.replace("_", " ")
@@ -125,8 +126,28 @@ def _round_line(color, linewidth, label):
     )
 
 
-def bounds(scene, beliefs):
-    """Return the lowest and the highest corner of a picture: bodies, final ellipses, nearby elements."""
+def _shown(prediction, k):
+    """Return the final states that are drawn of body k, samples or its mean, and its modes.
+
+    There are samples where outcomes split or rotations spread too far for a mean pose.
+    """
+    scene, last = prediction.scene, prediction.at()
+    body = scene.bodies[k]
+    if not body.free:
+        return last.belief.mean[k : k + 1], ()
+    outcomes = prediction[body.name].modes
+    turned = float(np.sqrt(np.trace(last.belief.marginal(k)[ERR_ROTATION, ERR_ROTATION])))
+    samples = last.samples if last.rollout_states is None else last.rollout_states
+    if samples is not None and (len(outcomes) > 1 or turned > _WIDE):
+        return samples[:_OUTCOMES, k], outcomes
+    return last.belief.mean[k : k + 1], outcomes
+
+
+def bounds(scene, beliefs, shown=()):
+    """Return the lowest and the highest corner of a picture: bodies, final ellipses, nearby elements.
+
+    ``shown`` has further states (n, 13) and modes of each body.
+    """
     radius = np.array([body.model.bounding_radius for body in scene.bodies])[:, None]
     places = np.concatenate([belief.mean[:, POSITION] for belief in beliefs])
     reach = np.tile(radius, (len(beliefs), 1))
@@ -137,6 +158,15 @@ def bounds(scene, beliefs):
             half = np.maximum(SIGMAS * np.sqrt(np.maximum(variance, 0.0)), body.model.bounding_radius)
             low = np.minimum(low, beliefs[-1].mean[k, POSITION] - half)
             high = np.maximum(high, beliefs[-1].mean[k, POSITION] + half)
+    for body, (states, modes) in zip(scene.bodies, shown, strict=False):
+        centers = [*states[:, POSITION], *(mode.mean[POSITION] for mode in modes)]
+        variances = [mode.covariance[ERR_POSITION, ERR_POSITION].diagonal() for mode in modes]
+        halves = [SIGMAS * np.sqrt(np.maximum(variance, 0.0)) for variance in variances]
+        reached = np.concatenate(
+            [np.full((len(states), 3), body.model.bounding_radius), *(h[None] for h in halves)]
+        )
+        low = np.minimum(low, (centers - reached).min(axis=0))
+        high = np.maximum(high, (centers + reached).max(axis=0))
     for element in scene.environment:
         if element.finite:
             ends = outermost(element, np.concatenate([np.eye(3), -np.eye(3)]))
@@ -147,7 +177,7 @@ def bounds(scene, beliefs):
     return low - margin, high + margin
 
 
-def _draw_view(axes, prediction, beliefs, view, low, high):
+def _draw_view(axes, prediction, beliefs, shown, view, low, high):
     from matplotlib.patheffects import withStroke
 
     scene = prediction.scene
@@ -158,17 +188,12 @@ def _draw_view(axes, prediction, beliefs, view, low, high):
     pixel = max(right - left, top - bottom) / _PIXELS
     for k, body in enumerate(scene.bodies):
         color = np.array(body_color(k, body.fixed))
-        outcomes = prediction[body.name].modes if body.free else ()
+        states, outcomes = shown[k]
         drawn = [] if body.fixed else [(beliefs[0].mean[k], 0.35, _SPHERES)]
-        last = prediction.at()
-        samples = last.samples if last.rollout_states is None else last.rollout_states
-        turned = 0.0
-        if body.free:
-            turned = float(np.sqrt(np.trace(beliefs[-1].marginal(k)[ERR_ROTATION, ERR_ROTATION])))
-        if samples is not None and (len(outcomes) > 1 or turned > _WIDE):
-            drawn += [(state, 0.6, _FEW_SPHERES) for state in samples[:_OUTCOMES, k]]
+        if len(states) > 1:
+            drawn += [(state, 0.6, _FEW_SPHERES) for state in states]
         else:
-            drawn.append((beliefs[-1].mean[k], _FIXED_ALPHA if body.fixed else 0.95, _SPHERES))
+            drawn.append((states[0], _FIXED_ALPHA if body.fixed else 0.95, _SPHERES))
         for state, alpha, count in drawn:
             draw_body(axes, body.model, state, view, color, pixel, alpha, count)
         if not body.fixed:
