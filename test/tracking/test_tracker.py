@@ -589,3 +589,16 @@ def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it():
     assert error @ np.linalg.solve(P, error) < 16.3  # 99.9 %
     assert np.sqrt(P[0, 0]) < 0.6 * np.sqrt(other.marginal(1)[0, 0])
     assert tracker.status("box1") in (TrackStatus.COASTING, TrackStatus.RESTING)
+
+
+def test_the_air_is_no_contact():
+    light = RigidBody("box0", box(), 0.01, drag=0.01)  # falls with 4 m/s at most
+    scene = Scene.everyday([light], exact=True, environment=[Plane(name="table")])
+    known = {"position": [0.0, 0.0, 3.0], "linear_velocity": [1.0, 0.0, -3.5]}
+    plain, noisy = (
+        Tracker(scene, belief_of(scene, box0=known), noise=ContactNoise(velocity=v)) for v in (0.0, 0.1)
+    )
+    for tracker in (plain, noisy):
+        tracker.predict(0.3)
+    assert plain.belief().mean[0, 5] > -4.1
+    assert np.array_equal(plain.samples(), noisy.samples())

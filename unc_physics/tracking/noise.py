@@ -9,6 +9,7 @@ import numpy as np
 from ..checks.validation import non_negative
 from ..dynamics.contact_history import asleep
 from ..propagators.monte_carlo import MonteCarloCarry
+from ..scene.action_arrays import AIR_DENSITY
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 from ..spatial.moments import spread_states
@@ -95,6 +96,10 @@ def add_contact_noise(
     fall = h if decay == 1.0 else world.dt * (1.0 - kept) / (1.0 - decay)
     velocity = states[:, moving, VELOCITY]
     gained = velocity - kept * before[:, moving, VELOCITY] - fall * world.gravity
+    drag = np.array([0.5 * AIR_DENSITY * scene.bodies[k].drag / scene.bodies[k].mass for k in moving])
+    if drag.any():
+        for v in (velocity, before[:, moving, VELOCITY]):  # the air's impulse, by the trapezoidal rule
+            gained += 0.5 * h * drag[:, None] * np.linalg.norm(v, axis=2, keepdims=True) * v
     impulse = np.sqrt(np.einsum("nbk,nbk->nb", gained, gained))
     weight = float(np.linalg.norm(world.gravity)) * h
     touching = impulse > max(_LEAST_SHARE * weight, _LEAST_IMPULSE)
