@@ -8,7 +8,7 @@ from running import NodeProcess, result_of
 from scenes import assert_answered, good_request
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics_msgs.srv import Predict
+from unc_physics_msgs.srv import Predict, Reset
 
 
 class LifecycleProcess(NodeProcess):
@@ -30,7 +30,8 @@ def test_the_node_goes_through_its_life(client):
     def state():
         return client.call(GetState, "/cycle/get_state", GetState.Request()).current_state.id
 
-    with LifecycleProcess() as process:
+    tracks = ("track:=true", "observed_objects:=[can]", "observed_models:=[can]")
+    with LifecycleProcess(*(part for option in tracks for part in ("-p", option))) as process:
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE
@@ -39,6 +40,7 @@ def test_the_node_goes_through_its_life(client):
         for _ in range(2):
             assert change(Transition.TRANSITION_ACTIVATE)
             assert_answered(client.predict(good_request(), node="cycle"))
+            assert not client.call(Reset, "/cycle/reset", Reset.Request()).result.error_code
             assert change(Transition.TRANSITION_DEACTIVATE)
         assert change(Transition.TRANSITION_CLEANUP)
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
