@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest
 
 from unc_physics import Belief, BodyBelief, Plane, RigidBody, Scene, load_model, make_propagator, predict
-from unc_physics.prediction.probability import interval
 from unc_physics.spatial.layout import POSITION, QUATERNION
 
 from ..engines import MuJoCoRollouts
@@ -41,7 +41,7 @@ def jobs(settings: Settings) -> list[Job]:
     """Releases and pushes, fifty of each."""
     count = 5 if settings.quick else 50
     return [
-        Job("releases", settings.parameters(action=action, count=count), cost=60.0)
+        Job("releases", settings.parameters(action=action, count=count), cost=60.0, alone=True)
         for action in (RELEASE, PUSH)
     ]
 
@@ -199,5 +199,5 @@ def _shares(results):
         for by in (OWN, MUJOCO):
             for region in (ELLIPSOID, SAMPLES):
                 values = rows.where(action=action, method=by, quantity=region).values()
-                share = float(values.mean())
-                yield action, by, region, len(values), share, interval(share, len(values))
+                found = binomtest(int(values.sum()), len(values)).proportion_ci(0.95)
+                yield action, by, region, len(values), float(values.mean()), (found.low, found.high)
