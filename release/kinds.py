@@ -56,7 +56,7 @@ def kinds(examples: Path):
         yield f"rank {actions.stem}", (), partial(run, "rank", actions, *options)
     yield "track", (), track
     motions = examples / "tosses" / "cube.csv", examples / "tosses" / "cube.yaml"
-    few = ["--samples", "4", "--evaluations", "40"]
+    few = ["--samples", "4", "--evaluations", "80"]
     yield "calibrate", ("matplotlib", "scipy"), partial(run, "calibrate", *motions, *few)
     yield "pack", ("manifold3d", "networkx", "scipy", "trimesh"), pack
 
