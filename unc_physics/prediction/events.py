@@ -259,8 +259,7 @@ class Upright(BodyEvent):
     ----------
     object : str
     axis : (3,) array, optional
-        The axis, in the body's frame; by default the one that points up in its given pose at time 0, so that
-        it stands as it did.
+        The axis, in the body's frame. By default, the axis that points up in the given pose at time 0.
     angle : float
         [rad]
     """
@@ -367,8 +366,8 @@ class FellOff(BodyEvent):
 @register_event
 @dataclass(frozen=True, eq=False)
 class Touches(BodyEvent):
-    """The body touches another one, an element of the environment, or ``environment``, which is any of its
-    elements, at some time up to that of the question.
+    """The body touches another body or an element, at some time up to the time of the question.
+    ``environment`` stands for any element.
 
     Which of two bodies is named first does not matter.
     """

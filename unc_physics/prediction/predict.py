@@ -44,7 +44,7 @@ def predict(
     progress: Callable[[int, int], object] | None = None,
     events: Iterable[Event] = (),
 ) -> Prediction:
-    """Predict where the bodies of a scene will be, and how surely.
+    """Predict the poses and velocities of a scene's bodies, with their uncertainty.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def predict(
         Wall time after which the prediction ends with an error [s], also within a step of many samples;
         compiling kernels does not count.
     progress : callable, optional
-        Called every few hundredths of a second with the number of steps done and of all steps. What it raises
-        ends the prediction; an `UncPhysicsError` then has a ``prediction`` that ends at the time reached, or
-        None where not even a step was done.
+        Called every few hundredths of a second with the number of steps done and of all steps. An exception
+        from it ends the prediction. An `UncPhysicsError` then has a ``prediction`` that ends at the time
+        reached, or None before the first step.
     events : iterable of Event, optional
-        Those that `Prediction.probability` will be asked for. Propagators whose samples do not decide them
-        run flights of the initial belief up to the first contacts, which do not count as computation time.
+        Those that `Prediction.probability` will be asked for. Propagators without rollouts then also simulate
+        flights of the initial belief up to the first contacts. These do not count as computation time.
 
     Returns
     -------
@@ -80,14 +80,13 @@ def predict(
         If a time is not positive, times do not ascend, or one is no multiple of ``dt`` with the explicit
         integrator.
     PredictionTimeoutError
-        If ``max_computation_time`` ran out; its ``prediction`` ends at the time reached, and is None where
-        not even a step was done.
+        If ``max_computation_time`` ran out. Its ``prediction`` ends at the time reached, and is None before
+        the first step.
     DivergedError
         If the simulation left the range of numbers.
     NotSupportedError
-        If parameters of the scene are uncertain, or its integrator is the implicit one, or overlap is to be
-        rejected, and the propagator is not one of those that take it. Uncertain materials and errors of
-        impacts are left out instead (`Prediction.left_out`).
+        If the propagator does not support the scene's uncertain parameters, its integrator, or the rejection
+        of overlap. Uncertain materials and errors of impacts are left out instead (`Prediction.left_out`).
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
         For arguments of a wrong type, a belief about other bodies, too many steps, and an unknown name.
     """

@@ -141,12 +141,12 @@ def rank(
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Ranking:
-    """Rank what a robot may do by how probable it is that it succeeds.
+    """Rank a robot's possible actions by their probability of success.
 
     All actions begin with the same random draws, in one batch on all threads, round by round. Before each
-    round clear losers leave: by the sign test on the draws in which they and the leader differ, at a level
-    that leaves the best action ranked but in one ranking of a thousand. As long as the budget has no
-    room for all, the last ones leave, too.
+    round clear losers are dropped, by a sign test on the draws in which they and the leader differ. The test
+    drops the best action in one ranking of a thousand. If the budget has no room for all others, the last
+    ones are dropped, too.
 
     Parameters
     ----------

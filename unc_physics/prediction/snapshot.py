@@ -35,9 +35,9 @@ class Probability:
     method : {'samples', 'flights', 'gaussian', 'certain', 'node'}
         ``samples``: a share of the propagator's samples or rollouts. ``flights``: a share of samples of the
         initial belief that fly up to their first contacts; what comes after these is open, and counts half.
-        ``gaussian``: a share of states drawn from the belief, or of the propagator's rollouts for contacts,
-        which is no measure of probability once bodies have touched. ``certain``: there is one outcome only.
-        ``node``: as a node answered.
+        ``gaussian``: a share of states drawn from the belief, or of the propagator's rollouts for contacts.
+        After a contact this is not a probability, so that the interval is 0 to 1. ``certain``: there is one
+        outcome only. ``node``: as a node answered.
     rollouts : int
         How many simulated rollouts or flights the estimate rests on.
     """
@@ -55,8 +55,8 @@ class ContactTime(NamedTuple):
     Attributes
     ----------
     mean, std : float
-        Time of the first contact from the start: mean and standard deviation [s]. It is that of the end of
-        the step, so up to one ``dt`` late.
+        Time of the first contact from the start: mean and standard deviation [s]. A contact has the time of
+        the end of its step, so it is up to one ``dt`` late.
     """
 
     mean: float

@@ -33,26 +33,26 @@ class Auto(Cloud, Anytime):
     samples, seed
         As of `Cloud`.
     time : float
-        Wall time for rollouts and beliefs, at all of the prediction's times [s]; 0 for any. The last batch
-        is as large as it is thought to leave time for.
+        Wall time for rollouts and beliefs, at all of the prediction's times [s]; 0 for any. The size of the
+        last batch is estimated from the time left.
     error : float
-        Standard error of each mean that is enough, over the standard deviation; 0 goes on for ever, unless
-        errors in m or rad or probabilities are asked for.
+        Sufficient standard error of each mean, over the standard deviation. With 0 it continues up to
+        ``runs``, unless other errors are limited.
     spread_error : float
-        Standard error of each standard deviation that is enough, over it; 0 does not count.
+        Sufficient standard error of each standard deviation, over it; 0 for no limit.
     position_error, rotation_error : float
-        The same as ``error`` in m and rad; 0 does not count.
+        As ``error``, in m and rad; 0 for no limit.
     probability_error : float
-        Standard error that is enough of the probability of each event that is asked: the half width of its
-        interval, in standard deviations. 0 does not count.
+        Sufficient standard error of the probability of each requested event: the half width of its interval,
+        in standard deviations. 0 for no limit.
 
     Notes
     -----
-    Every batch has as many rollouts as the errors still ask for, at most as many as there are, and
-    simulates only the new ones: the points are nested. Of the wishes for errors all must be met, or ``runs``
-    reached; where they are not, the status says so. Without a time limit the answer depends on nothing but
-    the seed; with one, on the number of rollouts, which it reports (`base.rollout_count`). Islands begin with
-    64 rollouts, and simulate all anew where these are not enough; with a time limit they keep to 64.
+    A batch simulates only new rollouts, because the points are nested. It has as many as the errors still
+    require, at most as many as there are already. It ends when all limits are met, or at ``runs`` rollouts.
+    The status says if a limit was missed. Without a time limit the answer depends on nothing but the seed;
+    with one, on the number of rollouts, which it reports (`base.rollout_count`). Islands begin with 64
+    rollouts, and simulate all anew where these are not enough; with a time limit they keep to 64.
     """
 
     name = "auto"

@@ -111,14 +111,14 @@ class Propagator(ABC):
     def advance(self, carry: Any, scene: Scene, steps: int) -> Any:
         """Return the carry after ``steps`` time steps; the given one stays as it is.
 
-        For a time between two steps it is called for one step with `Scene.with_short_step`; the carry that it
-        returns then is not advanced further, and its ``step`` becomes a fraction.
+        For a time between two steps it is called for one step with `Scene.with_short_step`. The returned
+        carry is not advanced further, and its ``step`` becomes a fraction.
         """
 
     def advance_through(self, carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[Any]:
         """Return the carry at each of several marks, ascending; the given one stays as it is.
 
-        A carry at a mark that is no whole number of steps is not advanced further.
+        Carries at marks between two steps are not advanced further.
         """
         found = []
         for mark in marks:
@@ -260,8 +260,7 @@ class Spent(NamedTuple):
     probability_errors : (E,) array
         Of the probabilities that were asked for: half widths of their intervals, in standard deviations.
     rare : float or None
-        Factor by which rare outcomes may widen a spread, of the body where it is largest; None where they
-        were not looked for.
+        Largest factor by which rare outcomes may widen a body's spread; None if no search was made.
     """
 
     time: float

@@ -122,11 +122,11 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
 
     Notes
     -----
-    Rollouts begin at scrambled Sobol points of the belief. A Gaussian process through their outcomes says how
-    these change between them; a sample is the nearest rollout's outcome, moved by that change. Bodies that
-    meet nothing fly in closed form; bodies that meet only each other move together in closed form. Where
-    there is no surface (leaving one rollout out is predicted worse than by the mean of the others), the
-    rollouts themselves are the answer, as in Monte Carlo.
+    Rollouts begin at scrambled Sobol points of the belief. A Gaussian process interpolates their outcomes. A
+    sample is the nearest rollout's outcome, moved by the change of the interpolation. Bodies that meet
+    nothing fly in closed form; bodies that meet only each other move together in closed form. There is no
+    surface if it predicts a left-out rollout worse than the mean of the others does. The answer then consists
+    of the rollouts, as in Monte Carlo.
     """
 
     name = "cloud"

@@ -49,9 +49,9 @@ class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
     Attributes
     ----------
     points : {'minimal', 'full'}
-        ``full`` spreads points along all 12 B directions of the moving bodies, as the paper; ``minimal`` only
-        along the r directions in which the initial belief is uncertain, which needs fewer points, less far
-        out. Each uncertain parameter of the scene is one direction more.
+        ``full`` spreads points along all 12 B directions of the moving bodies, as in the paper. ``minimal``
+        spreads them along the r uncertain directions of the initial belief only. It needs fewer points, which
+        lie less far out. Each uncertain parameter of the scene is one direction more.
     reduce : bool
         Whether ``minimal`` leaves the common motion of bodies that can meet nothing but each other to a
         closed form (`reduction`). It does nothing where there is something else to meet.
