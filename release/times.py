@@ -22,6 +22,7 @@ STARTS = ROOT / "docs" / "results" / "first_prediction.csv"
 START_COLUMNS = "installation", "state", "revision", "wall [s]", "CPU [s]"
 TARGETS = ROOT / "docs" / "results" / "shipped_target.csv"
 TARGET_COLUMNS = "scene", "method", "native [ms]", "shipped [ms]", "ratio"
+SCENES = "salt_box_on_table", "table", "two_bunnies"
 RUNS = 5
 SPEED = f"""
 import json, sys, time
@@ -57,7 +58,8 @@ def main():
             if what == "target":
                 write(TARGETS, TARGET_COLUMNS, list(compare_targets(options.wheel.resolve(), work)), 2)
                 continue
-            revision = git("rev-parse", "--short", options.revision) if what != "wheel" else "this"
+            of_wheel = options.wheel.name.split("-")[1] if what == "wheel" else None
+            revision = of_wheel or git("rev-parse", "--short", options.revision)
             steps = {"wheel": time_wheel, "source": time_source, "demo": time_demo}
             rows = [(what, state, revision, *times) for state, times in steps[what](options, work)]
             write(STARTS, START_COLUMNS, rows, 3)
@@ -88,12 +90,13 @@ def time_demo(options, folder):
 
 
 def compare_targets(wheel, folder):
-    """Yield a row for each example scene and method: CPU time by native and shipped kernels, and the ratio.
+    """Yield a row for each of `SCENES` and method: CPU time by native and shipped kernels, and the ratio.
 
     The processes alternate. Of each process counts the fastest run, of the processes the median.
     """
     python, env = install_wheel(wheel, sys.executable, folder)
-    scenes = sorted((python.parents[1] / "share" / "unc_physics" / "examples" / "scenes").glob("*.yaml"))
+    examples = python.parents[1] / "share" / "unc_physics" / "examples" / "scenes"
+    scenes = [examples / f"{name}.yaml" for name in SCENES]
     native = env | {"UNC_PHYSICS_COMPILER": "", "PYTHONPATH": str(ROOT)}
     found = {"native": [], "shipped": []}
     for _ in range(3):
