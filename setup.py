@@ -55,6 +55,7 @@ setup(
         (f"lib/{NAME}", sorted(glob("scripts/*", root_dir=HERE))),
         *shared("models", "*.npz", "README.md"),
         *shared("examples", "*.py"),
+        *shared("examples/actions", "*.yaml"),
         *shared("examples/scenes", "*.yaml"),
         *shared("examples/tosses", "*"),
         *shared("launch", "*.py"),
