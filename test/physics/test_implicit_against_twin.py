@@ -46,7 +46,7 @@ from unc_physics.compiler import kernel
 from unc_physics.dynamics import implicit_solver, implicit_step
 from unc_physics.dynamics.friction import weaken_with_speed
 from unc_physics.dynamics.impact_time import impact_before, time_to_impact
-from unc_physics.scene.body import faces_of
+from unc_physics.scene.body import shape_of
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.scene.stiffness import with_stiffness
 from unc_physics.spatial.rotation import write_matrix
@@ -457,7 +457,7 @@ def test_faces_of_round_bodies_are_found(name, count):
 @pytest.mark.parametrize("name", ["brick", "can", "block"])
 def test_a_point_is_over_a_face_inside_the_places_where_spheres_touch_it(name):
     model, rng = model_named(name), np.random.default_rng(0)
-    centers, faces = np.array(model.centers), faces_of(model)
+    centers, faces = np.array(model.centers), shape_of(model).faces
     for k, face in enumerate(twin.faces_in_use(model)):
         points = rng.uniform(1.2 * centers.min(axis=0), 1.2 * centers.max(axis=0), (100, 3))
         expected = twin.is_over(face, points, centers).tolist()

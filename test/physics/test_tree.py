@@ -10,7 +10,7 @@ from unc_physics import RigidBody, Scene, SpherePacking, load_model
 from unc_physics.collision import sphere_tree
 from unc_physics.collision.broad_phase import SINGLE_PRECISION
 from unc_physics.dynamics.workspace import workspace
-from unc_physics.scene.body import tree_of
+from unc_physics.scene.body import shape_of
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -53,7 +53,8 @@ def brute_force(ci, ri, cj, rj, R, t, offset):
 def check(ci, ri, cj, rj, R, t, pairs_at_once=None):
     """Candidates and exact test against brute force; returns the number of overlapping pairs."""
     world = Scene([RigidBody("i", packing(ci, ri), 1.0), RigidBody("j", packing(cj, rj), 1.0)]).world
-    expected = brute_force(ci, ri, cj, rj, R, t, len(ri))
+    first_of_j = len(world.tree.radii) - len(rj)  # equal bodies share their spheres
+    expected = brute_force(ci, ri, cj, rj, R, t, first_of_j)
     for at_once in (1, sphere_tree.AT_ONCE):
         assert found_pairs(world, (0, 1), R, t, pairs_at_once, at_once) == expected
     swapped = found_pairs(world, (1, 0), np.ascontiguousarray(R.T), -R.T @ t, pairs_at_once)
@@ -165,6 +166,13 @@ def test_every_bound_holds_what_it_bounds(seed, n):
     assert sorted(seen) == list(range(n))
 
 
-def test_a_packing_has_one_tree_as_long_as_it_lives():
-    model = load_model("pin").prefix(10)
-    assert tree_of(model) is tree_of(model)
+def test_packings_with_the_same_spheres_share_their_tree_and_hull():
+    """Each was loaded for itself, as in scene files."""
+    models = [load_model("pin").prefix(30) for _ in range(2)]
+    scene = Scene.everyday([RigidBody(f"pin{k}", model) for k, model in enumerate(models)], stiffness=1e4)
+    assert len(scene.world.tree.radii) == 30
+    assert len(np.unique(scene.world.bodies.root)) == 1
+    assert scene.world.implicit is not None
+    assert len(np.unique(scene.world.implicit.hull_range[:, 0])) == 1
+    assert shape_of(models[0]) is shape_of(models[1])
+    assert len({shape_of(other) for other in (*models, models[0].scaled(2.0), models[0].prefix(29))}) == 3

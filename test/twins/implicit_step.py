@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
-from unc_physics.scene.body import faces_of, hull_of
+from unc_physics.scene.body import shape_of
 
 from .states import P, Q, V, W
 
@@ -80,7 +80,7 @@ class Face(NamedTuple):
 @cache
 def faces_in_use(model):
     """Return the flat faces that the package found, which `flat_faces` checks."""
-    found = faces_of(model)
+    found = shape_of(model).faces
     return [Face(n, np.flatnonzero((found.of_sphere == k).any(axis=1))) for k, n in enumerate(found.normal)]
 
 
@@ -399,7 +399,7 @@ def support(body, R, n, ahead, axis, sphere):
     """Return the least height of a body's hull against ``n`` near a sphere, its smooth minimum, and the
     coordinate along ``ahead`` of its place [m].
     """
-    hull, size = hull_of(body.model), body.model.bounding_radius
+    hull, size = shape_of(body.model).hull, body.model.bounding_radius
     places, radii = body.model.centers[hull] @ R.T, body.model.radii[hull]
     apart = (places - R @ body.model.centers[sphere]) @ axis
     heights = places @ n - radii + AXIAL / size * apart**2

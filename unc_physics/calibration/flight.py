@@ -10,7 +10,7 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError
 from ..scene.belief import Belief
-from ..scene.body import RigidBody, hull_of
+from ..scene.body import RigidBody, shape_of
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
@@ -84,7 +84,7 @@ def moving_body(scene: Scene) -> RigidBody:
 def flight_frames(motion: Motion, scene: Scene) -> int:
     """How many of a motion's first poses keep the `MARGIN` to all elements of the environment."""
     body = moving_body(scene)
-    hull = hull_of(body.model)
+    hull = shape_of(body.model).hull
     centers, radii = body.model.centers[hull], body.model.radii[hull]
     for k, pose in enumerate(motion.poses):
         points = pose[:3] + centers @ rotation_matrix(pose[3:]).T

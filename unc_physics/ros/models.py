@@ -40,7 +40,7 @@ from ..geometry.packing_file import SpherePacking, load_packing, save_packing
 from ..geometry.primitive_models import SPHERES, ball
 from ..geometry.primitives import primitive
 from ..geometry.prisms import cone, prism
-from ..scene.body import tree_of
+from ..scene.body import shape_of
 from ..scene.scene_file import load_shape
 from ..scene.stiffness import AUTO
 from .messages.environment import read_dimensions
@@ -158,7 +158,7 @@ class ModelLibrary:
     def prepare(self, name: str) -> SpherePacking:
         """Read a model and build sphere trees of its usual numbers of spheres before the first request."""
         for meets in (True, False):
-            tree_of(self.shape(name, default=AUTO, meets=meets))
+            shape_of(self.shape(name, default=AUTO, meets=meets))
         return self.shape(name)
 
 
@@ -383,7 +383,7 @@ def _pack(name, vertices, triangles, spheres):
         packing = pack_solid(make_solid(name, vertices, triangles), spheres, threads=1)
     except ImportError as error:
         raise NotSupportedError(f"needs {error.name}, which the node lacks, to be packed") from None
-    tree_of(packing)
+    shape_of(packing)
     return packing
 
 

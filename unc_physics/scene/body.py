@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +23,10 @@ from .materials import Surface, check_surface
 
 #: Range of masses [kg] without overflow or underflow.
 MASSES = 1e-50, 1e50
-_trees, _hulls, _faces = (weakref.WeakKeyDictionary() for _ in range(3))
+_shapes: weakref.WeakValueDictionary[bytes, CollisionShape] = (
+    weakref.WeakValueDictionary()
+)  # by hash of spheres
+_shape_of: weakref.WeakKeyDictionary[SpherePacking, CollisionShape] = weakref.WeakKeyDictionary()
 
 
 def known_mass(mass: float | None, model: SpherePacking, fixed: bool, field: str) -> float:
@@ -240,22 +245,41 @@ def _checked_inertia(value, reach, field):
     return found
 
 
-def tree_of(model: SpherePacking):
-    """Return the cached sphere tree of a packing (`collision.sphere_tree.build`)."""
-    if model not in _trees:
-        _trees[model] = sphere_tree.build(np.array(model.centers), np.array(model.radii))
-    return _trees[model]
+class CollisionShape:
+    """Spheres of a packing, their tree, and their hull and flat faces, which are computed when first needed.
+
+    Attributes
+    ----------
+    centers : (n, 3) array
+        Body frame [m].
+    radii : (n,) array
+        [m]
+    tree : tuple
+        Sphere tree (`collision.sphere_tree.build`).
+    """
+
+    def __init__(self, centers: np.ndarray, radii: np.ndarray):
+        # writable copies: read-only arrays would compile every kernel again
+        self.centers, self.radii = np.array(centers), np.array(radii)
+        self.tree = sphere_tree.build(self.centers, self.radii)
+
+    @cached_property
+    def hull(self) -> np.ndarray:
+        """Spheres that can touch a plane (`collision.hull.hull_spheres`)."""
+        return hull_spheres(self.centers, self.radii)
+
+    @cached_property
+    def faces(self) -> Faces:
+        """Flat faces (`collision.faces.flat_faces`)."""
+        return flat_faces(self.centers, self.radii, self.hull)
 
 
-def hull_of(model: SpherePacking) -> np.ndarray:
-    """Return the cached spheres of a packing that can touch a plane (`collision.hull.hull_spheres`)."""
-    if model not in _hulls:
-        _hulls[model] = hull_spheres(np.array(model.centers), np.array(model.radii))
-    return _hulls[model]
-
-
-def faces_of(model: SpherePacking) -> Faces:
-    """Return the cached flat faces of a packing (`collision.faces.flat_faces`)."""
-    if model not in _faces:
-        _faces[model] = flat_faces(np.array(model.centers), np.array(model.radii), hull_of(model))
-    return _faces[model]
+def shape_of(model: SpherePacking) -> CollisionShape:
+    """Return the collision shape of a packing, which all packings with the same spheres share."""
+    if model not in _shape_of:
+        key = hashlib.sha256(model.centers.tobytes() + model.radii.tobytes()).digest()
+        shape = _shapes.get(key)
+        if shape is None:
+            shape = _shapes[key] = CollisionShape(model.centers, model.radii)
+        _shape_of[model] = shape
+    return _shape_of[model]

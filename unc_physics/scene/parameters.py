@@ -17,7 +17,7 @@ from ..dynamics.world import World
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..spatial.rotation import exp, rotation_matrix
 from .action_arrays import vary_actions
-from .body import tree_of
+from .body import shape_of
 from .materials import Materials, varied
 from .scene import Scene
 
@@ -225,7 +225,7 @@ def _shifted_trees(scene, offsets):
     bounds, centers, radius = bounds.copy(), centers.copy(), world.bodies.radius.copy()
     for k in np.flatnonzero(offsets.any(axis=1)):
         root = world.bodies.root[k]
-        nodes = slice(root, root + len(tree_of(scene.bodies[k].model)[1]))
+        nodes = slice(root, root + len(shape_of(scene.bodies[k].model).tree[1]))
         spheres = ~child[nodes][child[nodes] < 0]
         centers[spheres] -= offsets[k]
         reach = np.max(np.linalg.norm(centers[spheres], axis=1) + radii[spheres])

@@ -29,7 +29,7 @@ from ..dynamics.implicit_rollout import Stops
 from ..dynamics.implicit_world import ImpactError, Implicit, rest_steps
 from ..dynamics.world import Bodies, Environment, World
 from .action_arrays import actions_of
-from .body import RigidBody, faces_of, hull_of, tree_of
+from .body import RigidBody, shape_of
 from .environment import Element, check_element, check_not_reserved, element_names
 from .marks import Mark
 from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
@@ -398,32 +398,32 @@ class Scene:
                 field="stiffness",
             )
         shifted = {parameter.body for parameter in self.uncertain if parameter.name == "center_of_mass"}
-        # bodies of one model share a tree, except those with an uncertain centre of mass
-        owners = [(body.model, k if k in shifted else -1) for k, body in enumerate(self.bodies)]
+        # bodies of one shape share a tree, except those with an uncertain centre of mass
+        owners = [(shape_of(body.model), k if k in shifted else -1) for k, body in enumerate(self.bodies)]
         own = list(dict.fromkeys(owners))
-        models = [model for model, _ in own]
-        trees = [tree_of(model) for model in models]
+        shapes = [shape for shape, _ in own]
+        trees = [shape.tree for shape in shapes]
         nodes = np.cumsum([0, *(len(child) for _, child, _ in trees)])
-        spheres = np.cumsum([0, *(len(model) for model in models)])
+        spheres = np.cumsum([0, *(len(shape.radii) for shape in shapes)])
         children = [_shifted(child, nodes[k], spheres[k]) for k, (_, child, _) in enumerate(trees)]
         depth = sorted((depth for *_, depth in trees), reverse=True)
         deepest = depth[0] + depth[min(1, len(depth) - 1)]
         tree = sphere_tree.Tree(
             np.concatenate([bounds for bounds, *_ in trees]),
             np.concatenate(children),
-            np.concatenate([model.centers for model in models]),
-            np.concatenate([model.radii for model in models]),
+            np.concatenate([shape.centers for shape in shapes]),
+            np.concatenate([shape.radii for shape in shapes]),
         )
         resistance = np.array([body.mass if body.free else math.inf for body in self.bodies])
         inverse = np.array([np.linalg.inv(body.unit_inertia) for body in self.bodies])
-        reach = {model: np.max(np.linalg.norm(model.centers, axis=1) + model.radii) for model in models}
+        reach = {shape: np.max(np.linalg.norm(shape.centers, axis=1) + shape.radii) for shape in shapes}
         bodies = Bodies(
             moving=np.array([body.free for body in self.bodies]),
             mass=np.array([body.mass for body in self.bodies]),
             inertia=np.array([body.mass * body.unit_inertia for body in self.bodies]),
             inverse_mass=1.0 / resistance,
             inverse_inertia=inverse / resistance[:, None, None],
-            radius=np.array([reach[body.model] for body in self.bodies]),
+            radius=np.array([reach[shape] for shape, _ in owners]),
             root=np.array([nodes[own.index(owner)] for owner in owners]),
         )
         stack_size = sphere_tree.AT_ONCE * sphere_tree.WIDTH**2 * deepest + 1
@@ -438,7 +438,7 @@ class Scene:
             self.stiffness,
             stack_size,
             environment=self._environment(),
-            implicit=self._implicit(tree, models, [own.index(owner) for owner in owners], spheres),
+            implicit=self._implicit(tree, shapes, [own.index(owner) for owner in owners], spheres),
         )
 
     def with_short_step(self, steps: int, rest: float) -> Scene:
@@ -476,18 +476,18 @@ class Scene:
             actions=self.actions,
         )
 
-    def _implicit(self, tree, models, model_of, first_sphere) -> Implicit | None:
+    def _implicit(self, tree, shapes, index_of, first_sphere) -> Implicit | None:
         """Return the additional data of the implicit step; None for the explicit one.
 
-        ``models`` are the models of the tree, ``model_of`` the index of each body's model, and
-        ``first_sphere`` the first sphere of each model.
+        ``shapes`` are the shapes in the tree, ``index_of`` the index of each body's shape, and
+        ``first_sphere`` the first sphere of each shape.
         """
         if self.integrator != "implicit":
             return None
-        hulls = [hull_of(model) for model in models]
+        hulls = [shape.hull for shape in shapes]
         ends = np.cumsum([0, *map(len, hulls)])
         some = np.concatenate([hull + first for hull, first in zip(hulls, first_sphere[:-1], strict=True)])
-        reach = [model.radii[:, None] for model in models]
+        reach = [shape.radii[:, None] for shape in shapes]
         given = [surface.torsional_friction for surface in self.surfaces]
         torsion = np.array([-1.0 if value is None else value for value in given])
         return Implicit(
@@ -497,11 +497,11 @@ class Scene:
             torsional=bool((torsion > 0.0).any()),
             hull=hull_columns(tree.centers, tree.radii, some),
             hull_sphere=some,
-            hull_range=np.column_stack([ends[:-1], ends[1:]])[model_of],
-            faces=of_scene([faces_of(model) for model in models], first_sphere[:-1]),
-            extent=np.array([_box(model.centers, model.centers) for model in models])[model_of],
-            box=np.array([_box(m.centers - r, m.centers + r) for m, r in zip(models, reach, strict=True)])[
-                model_of
+            hull_range=np.column_stack([ends[:-1], ends[1:]])[index_of],
+            faces=of_scene([shape.faces for shape in shapes], first_sphere[:-1]),
+            extent=np.array([_box(shape.centers, shape.centers) for shape in shapes])[index_of],
+            box=np.array([_box(s.centers - r, s.centers + r) for s, r in zip(shapes, reach, strict=True)])[
+                index_of
             ],
             rest_steps=rest_steps(self.dt) if self.sleep else 0,
             impact_error=ImpactError(
