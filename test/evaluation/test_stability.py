@@ -15,6 +15,7 @@ from unc_physics.dynamics.rollout import simulate
 from unc_physics.geometry.packing_file import load_packing
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.scene.physics_keys import INTEGRATORS
+from unc_physics.spatial.rotation import rotation_matrices
 from unc_physics_evaluation.conservation import (
     CHANGE,
     DRIFT,
@@ -29,7 +30,6 @@ from unc_physics_evaluation.energy import (
     contact_energy,
     height_energy,
     kinetic_energy,
-    matrices,
     momentum,
     surface_distance,
 )
@@ -87,7 +87,7 @@ def test_edges_stay_out_of_the_bin_in_steps_with_many_impacts():
     for mean in belief.sample(60, np.random.default_rng(0)):
         states = trajectory(scene, mean, steps)
         for k, body in enumerate(scene.bodies):
-            turned = np.einsum("tij,nj->tni", matrices(states[:, k, 6:10]), body.model.centers)
+            turned = np.einsum("tij,nj->tni", rotation_matrices(states[:, k, 6:10]), body.model.centers)
             for element in scene.environment:
                 centers = states[:, None, k, :3] + turned
                 depths = (body.model.radii - surface_distance(element, centers)).max(axis=1).clip(0.0)
