@@ -105,7 +105,7 @@ def is_over(f, point, centers, faces):
 
 @kernel
 def first_impact(left, world, work):
-    return time_to_impact(left, 0.1, False, work)
+    return time_to_impact(left, 0.1, False, world, work)
 
 
 @kernel
@@ -139,7 +139,7 @@ def travel_in_contact(x, count, h, touching, first_time, residual, world, work):
 @kernel
 def travel_there_and_back(x, count, h, world, work):
     implicit_step.travel_to_contacts(x, count, h, h, True, world, work)
-    first = impact_before(h, 0.1, False, work)
+    first = impact_before(h, 0.1, False, world, work)
     implicit_step._travel_back(x, count, 0.0, world, work)
     return first
 

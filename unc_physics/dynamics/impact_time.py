@@ -2,10 +2,12 @@
 
 import math
 
-from ..collision.contact_row import FALL, GAP, RESTITUTION, ROLL_RADIUS
+from ..collision.contact_row import DIRECTION, FALL, GAP, RESTITUTION, ROLL_RADIUS
 from ..collision.contact_simd import contact_speeds
 from ..collision.implicit_workspace import CONTACTS, FREE, START
 from ..compiler import inner
+from ..spatial.rotation import cross, rotate_back
+from ..spatial.vectors import dot, minus, three, triple
 
 #: Gap below which bodies touch, and target gap of the time of an impact [m].
 TOUCHING, _AIM = 2e-5, 1e-5
@@ -13,6 +15,10 @@ _ALMOST = 0.9  # share of the impact speed above which a closing contact may hav
 #: Contacts with at least this restitution lose too little speed to come to rest soon. Each closing of theirs
 #: above a speed [m/s] is an impact, independent of the step.
 LIVELY, _SLOWEST_LIVELY = 0.7, 1e-3
+#: Way that an edge that lands closes in a step, above which it has an impact [m]: about the depth at which
+#: contacts rest. Then its least lever arm about contacts that carry load, relative to the body's radius.
+#: Bumps of a rolling body have shorter ones.
+_LANDING, _APART = 8e-5, 0.3
 _DEEP = 0.01  # depth that contacts may reach without an impact, relative to the smaller body's radius
 
 
@@ -20,6 +26,61 @@ _DEEP = 0.01  # depth that contacts may reach without an impact, relative to the
 def impact_speed(restitution, threshold):
     """Return the closing speed above which a contact with this restitution has an impact [m/s]."""
     return min(threshold, _SLOWEST_LIVELY) if restitution >= LIVELY else threshold
+
+
+@inner(forceinline=True)
+def landing_speed(dt, threshold):
+    """Return the closing speed above which an edge that lands has an impact [m/s]."""
+    return min(threshold, _LANDING / dt)
+
+
+@inner(forceinline=True)
+def may_land(i, work):
+    """Return whether edges of body ``i`` may land: it is alone in its group and carried load."""
+    return work.head[i] >= 0 and work.group[i] == i and work.next_member[i] < 0
+
+
+@inner(noinline=True)
+def _lands(c, world, work):
+    """Return whether contact ``c`` lands on an element, as the body turns about all contacts that carry load.
+
+    These are the last step's contacts with the same element. Surfaces of packings are uneven, so bodies land
+    on each other without such impacts. In groups of bodies, as in piles, they would cost much time.
+    """
+    i, j, s = work.ids[c, 0], work.ids[c, 1], work.ids[c, 2]
+    if j >= 0 or not may_land(i, work):
+        return False
+    row, centers, stands = work.rows[c], world.tree.centers, False
+    level = cross(triple(row, DIRECTION), triple(work.velocity[START, i], 3))  # as long as the level turn
+    least = _APART * row[ROLL_RADIUS] * math.sqrt(dot(level, level))
+    across = rotate_back(work.R[i], level[0], level[1], level[2])
+    entry = work.head[i]
+    while entry >= 0:
+        if work.old_contact[entry, 1] == j:
+            t = work.old_contact[entry, 2]
+            if dot(across, minus(three(centers, t, 0), three(centers, s, 0))) < least:
+                return False
+            stands = True
+        entry = work.link[entry]
+    return stands
+
+
+@inner
+def closes_fast(c, speed, threshold, world, work):
+    """Return whether contact ``c`` closes fast enough for an impact, or lands on another edge."""
+    fast = impact_speed(work.rows[c, RESTITUTION], threshold)
+    return speed < -fast or (speed < -landing_speed(world.dt, threshold) and _lands(c, world, work))
+
+
+@inner
+def _time_of_impact(c, gap, speed, share, threshold, world, work):
+    """Return `time_after` for contact ``c`` at ``share`` of the speed that it needs for an impact."""
+    row = work.rows[c]
+    fast = impact_speed(row[RESTITUTION], threshold)
+    time = time_after(row, gap, speed, share * min(fast, landing_speed(world.dt, threshold)))
+    if time < math.inf and speed + time * row[FALL] > -share * fast and not _lands(c, world, work):
+        return math.inf
+    return time
 
 
 @inner(error_model="numpy", forceinline=True)
@@ -55,7 +116,7 @@ def depth_after(row, speed, h):
 
 
 @inner
-def impact_now(left, threshold, limited, work):
+def impact_now(left, threshold, limited, world, work):
     """Return whether a touching contact closes fast.
 
     With ``limited``, only contacts count that `must_collide`, if they closed for ``left`` seconds.
@@ -65,14 +126,14 @@ def impact_now(left, threshold, limited, work):
         row = rows[c]
         if row[GAP] <= TOUCHING:
             speed = contact_speeds(row, work.velocity[START], ids[c, 0], ids[c, 1])[0]
-            if speed < -impact_speed(row[RESTITUTION], threshold):
+            if closes_fast(c, speed, threshold, world, work):
                 if not limited or must_collide(row, depth_after(row, speed, left)):
                     return True
     return False
 
 
 @inner(error_model="numpy")
-def time_to_impact(left, threshold, limited, work):
+def time_to_impact(left, threshold, limited, world, work):
     """Return the time until the first impact of a current contact.
 
     Without an impact within ``left`` seconds, return ``left``. ``limited`` is as in `impact_now`.
@@ -82,12 +143,12 @@ def time_to_impact(left, threshold, limited, work):
         row = rows[c]
         speed = contact_speeds(row, work.velocity[START], ids[c, 0], ids[c, 1])[0]
         if not limited or must_collide(row, depth_after(row, speed, left)):
-            first = min(first, time_to_close(row, speed, impact_speed(row[RESTITUTION], threshold)))
+            first = min(first, _time_of_impact(c, row[GAP], speed, 1.0, threshold, world, work))
     return first
 
 
 @inner
-def impact_before(h, threshold, limited, work):
+def impact_before(h, threshold, limited, world, work):
     """Return the time of the first possible impact of a current contact in the past ``h`` seconds.
 
     The motion was free. Without an impact, return ``h``. Return 0 if a contact was already closing at the
@@ -97,7 +158,7 @@ def impact_before(h, threshold, limited, work):
     first = h
     for c in range(work.counts[CONTACTS]):
         if not limited or must_collide(work.rows[c], -work.rows[c, GAP]):
-            time = time_before(c, h, threshold, work)
+            time = time_before(c, h, threshold, world, work)
             if time > 0.0 or not are_settled(c, work):
                 first = min(first, time)
     return first
@@ -111,23 +172,22 @@ def are_settled(c, work):
 
 
 @inner
-def settle(h, threshold, work):
+def settle(h, threshold, world, work):
     """Mark the bodies of contacts that were closing at the beginning of the past ``h`` seconds as settled."""
     for c in range(work.counts[CONTACTS]):
-        if time_before(c, h, threshold, work) == 0.0:
+        if time_before(c, h, threshold, world, work) == 0.0:
             work.settled[work.ids[c, 0]] = True
             if work.ids[c, 1] >= 0:
                 work.settled[work.ids[c, 1]] = True
 
 
 @inner(error_model="numpy", forceinline=True)
-def time_before(c, h, threshold, work):
+def time_before(c, h, threshold, world, work):
     """Return `impact_before` for contact ``c`` alone; infinite without an impact."""
     row = work.rows[c]
-    fast = impact_speed(row[RESTITUTION], threshold)
     end = contact_speeds(row, work.velocity[FREE], work.ids[c, 0], work.ids[c, 1])[0]
     begin = end - h * row[FALL]
     gap = row[GAP] - 0.5 * h * (begin + end)
     if gap > 2.0 * TOUCHING:
-        return time_after(row, gap, begin, _ALMOST * fast)
-    return 0.0 if begin < -fast and row[GAP] <= 0.0 else math.inf
+        return _time_of_impact(c, gap, begin, _ALMOST, threshold, world, work)
+    return 0.0 if row[GAP] <= 0.0 and closes_fast(c, begin, threshold, world, work) else math.inf

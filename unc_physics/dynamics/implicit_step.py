@@ -58,7 +58,18 @@ from .actions import push
 from .free_motion import integrate_gyroscopic, integrate_rotation
 from .friction import holds, weaken_with_speed
 from .impact_error import disturb, is_drawn
-from .impact_time import LIVELY, TOUCHING, impact_before, impact_now, impact_speed, settle, time_to_impact
+from .impact_time import (
+    LIVELY,
+    TOUCHING,
+    closes_fast,
+    impact_before,
+    impact_now,
+    impact_speed,
+    landing_speed,
+    may_land,
+    settle,
+    time_to_impact,
+)
 from .implicit_solver import find_leads, solve_impact, solve_lasting
 from .implicit_stages import (
     after_flight,
@@ -213,7 +224,7 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
     for c in range(counts[CONTACTS]):
         if part[ids[c, 0]] < 0:
             speed = contact_speeds(rows[c], velocity[START], ids[c, 0], ids[c, 1])[0]
-            if speed < -impact_speed(rows[c, RESTITUTION], threshold):
+            if closes_fast(c, speed, threshold, world, work):
                 mark_part(ids[c, 0], part)
     for c in range(counts[CONTACTS]):  # keep the contacts that the impact reaches
         if part[ids[c, 0]] > 0:
@@ -403,6 +414,8 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
     looked, near = False, left
     # search for impacts before a group moves, not only among the contacts at its new pose
     careful = method is not None
+    if count == 1 and may_land(work.members[0], work):
+        slowest = min(slowest, landing_speed(world.dt, threshold))
     while left > 0.0 and world.implicit.stop[0] == 0:
         until = left
         touching = True
@@ -427,7 +440,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
             _read_velocities(x, count, work.members, work.velocity)
             if kinematic:
                 read_kinematic(x, count, world, work)
-            now = impact_now(left, threshold, limited, work)
+            now = impact_now(left, threshold, limited, world, work)
             if now and (horizon == 0.0 or looked):  # a deeper opening contact can hide a closing one
                 collide(x, count, time, impacts, first_time, residual, world, threshold, key, method, work)
                 impacts += 1
@@ -438,14 +451,14 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
                 continue
             if horizon == 0.0:
                 looked = True
-                near = time_to_impact(left, threshold, limited, work)
+                near = time_to_impact(left, threshold, limited, world, work)
                 horizon = left
                 continue
             if now:
                 horizon = 0.0
                 cuts += 1
                 continue
-            until = time_to_impact(left, threshold, limited, work)
+            until = time_to_impact(left, threshold, limited, world, work)
             if looked:  # contacts that become deeper may hide those that touch first
                 until = min(until, near)
         elif horizon == 0.0:
@@ -458,7 +471,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             break
         if collides and may_collide:
-            first, whole = impact_before(until, threshold, limited, work), until
+            first, whole = impact_before(until, threshold, limited, world, work), until
             if first < until and not searched:
                 _travel_back(x, count, time - left, world, work)
                 careful = True
@@ -480,9 +493,9 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
                 if work.counts[OVERFLOW] != NO_OVERFLOW or not again:
                     break
                 cuts += 1
-                first = impact_before(until, threshold, limited, work)
+                first = impact_before(until, threshold, limited, world, work)
                 if first == 0.0 and until < _SETTLED * whole:
-                    settle(until, threshold, work)
+                    settle(until, threshold, world, work)
                     break
             if work.counts[OVERFLOW] != NO_OVERFLOW:
                 break
@@ -551,7 +564,8 @@ def _all_sleep(rest_steps, world, work):
 def advance_step(x, time, first_time, rest_steps, residual, world, threshold, slowest, key, method, work):
     """Advance all groups by one step; return early if room overflows (`OVERFLOW`).
 
-    Contacts that close more slowly than ``slowest`` [m/s] have no impacts, whatever their restitution.
+    Contacts that close more slowly than ``slowest`` [m/s] have no impacts, whatever their restitution, except
+    edges that land.
     """
     numbers, group, members = work.numbers, work.group, work.members
     moving, bodies, dt = work.moving, world.bodies, world.dt

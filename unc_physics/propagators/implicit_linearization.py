@@ -31,7 +31,7 @@ from ..derivatives.kinematic_derivative import (
 from ..derivatives.rolling import KEPT, KEPT_COLUMNS, forget_rolling, rolling
 from ..derivatives.wrench_derivative import fly_pushed_errors
 from ..dynamics.actions import follows
-from ..dynamics.impact_time import impact_speed, time_before, time_to_close
+from ..dynamics.impact_time import impact_speed, landing_speed, time_before, time_to_close
 from ..dynamics.implicit_rollout import rollout_kernel
 from ..dynamics.implicit_solver import contact_speed
 from ..dynamics.implicit_stages import (
@@ -245,7 +245,8 @@ def _begin_travel(method, x, count, until, left, threshold, world, work):
     for c in range(work.counts[CONTACTS]):
         if until < left:
             speed = contact_speed(rows[c], 0, work.velocity[START], ids[c, 0], ids[c, 1])
-            closing = impact_speed(rows[c, RESTITUTION], threshold)
+            slowest = landing_speed(world.dt, threshold)
+            closing = min(impact_speed(rows[c, RESTITUTION], threshold), slowest)
             miss = abs(time_to_close(rows[c], speed, closing) - until)
             if miss < nearest:
                 first, nearest = c, miss
@@ -276,7 +277,7 @@ def _shorten_travel(method, x, count, first, until, left, meets, threshold, worl
     method.time[1] = method.time[0] - left
     nearest, closest = -1, np.inf
     for c in range(work.counts[CONTACTS]):
-        miss = abs(time_before(c, until, threshold, work) - first)
+        miss = abs(time_before(c, until, threshold, world, work) - first)
         if miss < closest:
             nearest, closest = c, miss
     look_at_surfaces(nearest, False, contacts, world, work)
