@@ -134,6 +134,16 @@ def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
     )
 
 
+@inner
+def rolls_smoothly(surface_of, radius):
+    """Return whether body i of a contact rolls on a larger shape than its touching sphere's ``radius`` [m].
+
+    ``surface_of`` is as in `contact_geometry`; `Geometry.roll_i` is then not zero.
+    """
+    roll = _beyond((surface_of[0], surface_of[1], surface_of[2]), radius)
+    return roll[0] + roll[2] > 0.0
+
+
 @inner(forceinline=True, error_model="numpy")
 def _beyond(rolls, r):
     """Return the excess of a body's rolling radii over a sphere's radius, in its rolling directions."""

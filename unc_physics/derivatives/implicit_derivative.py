@@ -80,6 +80,7 @@ from .contact_change import (
     contact_geometry,
     error_velocity,
     point_velocity,
+    rolls_smoothly,
     turning,
 )
 from .contact_system import add_answer, add_force, eliminate
@@ -248,22 +249,43 @@ def travel_errors(count, h, time, world, work, errors, contacts):
 
 @inner
 def _find_places(h, world, work, errors, contacts):
-    """Compute the places of contacts in the middle of the interval (`ContactErrors.places`).
+    """Compute the places of loaded contacts in the middle of the interval (`ContactErrors.places`).
 
-    A body with a rolling shape (`rolling`) needs none.
+    A body with a rolling shape (`rolling`) needs none. Contacts with the same lead and anchor share them.
     """
-    numbers, k = work.numbers, FREE_QUATERNION
+    numbers, rows, ids, k = work.numbers, work.rows, work.ids, FREE_QUATERNION
     for c in range(work.counts[CONTACTS]):
-        row, i, places = work.rows[c], work.ids[c, 0], contacts.places[c]
-        if row[IN_MIDDLE] == 0.0:
+        row, i, places = rows[c], ids[c, 0], contacts.places[c]
+        if not _has_places(c, work, contacts, world):
+            continue
+        same = -1
+        for b in range(c):
+            if ids[b, 0] == i and rows[b, LEAD] == row[LEAD] and rows[b, ANCHOR] == row[ANCHOR]:
+                if _has_places(b, work, contacts, world):
+                    same = b
+                    break
+        if same >= 0:
+            for r in range(places.shape[0]):
+                for m in range(places.shape[1]):
+                    places[r, m] = contacts.places[same, r, m]
             continue
         q = (numbers[i, k], numbers[i, k + 1], numbers[i, k + 2], numbers[i, k + 3])
         write_matrix(q, errors.R, 0)
-        lead = work.rows[int(row[LEAD])]
+        lead = rows[int(row[LEAD])]
         axes = triple(lead, 0), triple(lead, AXIS), triple(lead, 2 * AXIS)
         turn = mean_turn(h, work.velocity, i)
         put(places, 0, 0, triple(row, PLACES))
         write_place_slopes(*axes, turn, int(row[ANCHOR]), i, errors.R[0], world, places[:, 1:])
+
+
+@inner
+def _has_places(c, work, contacts, world):
+    """Return whether the derivative of a contact needs its places in the middle of the interval."""
+    row = work.rows[c]
+    if row[IN_MIDDLE] == 0.0 or work.impulses[LASTING, c, 0] <= 0.0:
+        return False
+    lead = int(row[LEAD])
+    return not rolls_smoothly(contacts.surface[lead], world.tree.radii[work.ids[lead, 2]])
 
 
 @inner
@@ -438,9 +460,9 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
             dw = times(0.25, vector(errors.begin, first_i + EW, k))
             dw = plus(dw, times(0.75, vector(end, first_i + EW, k)))
             dturn, tilt = plus(times(h, dw), times(errors.length[k] / h, turn)), vector(end, first_i + ER, k)
-            rolls = rolling_change(places, g_lead, turn, tilt, other.n, dturn)
             push_change = spun_arm_change(g.arm_i, g_lead.n, turn, change.arm_i, other.n, dturn)
             if not is_smooth:
+                rolls = rolling_change(places, g_lead, turn, tilt, other.n, dturn)
                 spun = spun_arm(g.arm_i, g_lead.n, turn)
                 push_change = placed_arm_change(
                     spun, vector(places, 0, 0), g_lead.n, along, push_change, rolls

@@ -5,8 +5,11 @@ import math
 import numpy as np
 
 from ..compiler import inner
+from ..compiler.simd import LANES, lowest_bit
+from ..dynamics.middle_arms import lower_spheres
 from ..spatial.rotation import rotate_back
 from ..spatial.vectors import dot, plus, times
+from .tilt_simd import COS, DEPTH, LOWEST, SIN, lower_depths
 
 #: Tilts at which supports are found [rad], and their number per side.
 _LEAST_TILT, _MOST_TILT, _TILTS = 0.05, 0.8, 12
@@ -24,13 +27,13 @@ _SAME = 1.0 - 5e-13
 
 
 def _tilts():
-    room = np.zeros((2 * _TILTS, 4))
+    room = np.zeros((4, 2 * _TILTS))
     angle = np.linspace(_LEAST_TILT, _MOST_TILT, _TILTS)
-    room[:, 0], room[:, 1] = np.cos(np.tile(angle, 2)), np.concatenate([np.sin(angle), -np.sin(angle)])
+    room[COS], room[SIN] = np.cos(np.tile(angle, 2)), np.concatenate([np.sin(angle), -np.sin(angle)])
     return room
 
 
-#: Arrays for `rolling`: cosine and sine of each tilt, a depth, and the lowest sphere.
+#: Room for `rolling`: cosine and sine of each tilt, a depth, and the lowest sphere (rows of `tilt_simd`).
 TILTS = _tilts()
 
 
@@ -70,8 +73,12 @@ def rolling(n, first, second, i, sphere, R, world, room, kept, out):
     own = tree.centers[sphere, 0] * m[0] + tree.centers[sphere, 1] * m[1] + tree.centers[sphere, 2] * m[2]
     own -= tree.radii[sphere]
     least = math.inf
-    for k in range(low, high):
-        least = min(least, hull[0, k] * m[0] + hull[1, k] * m[1] + hull[2, k] * m[2] - hull[3, k])
+    for block in range(low, high, LANES):
+        mask = lower_spheres(hull, block, high, (m[0], m[1], m[2], 0.0), least)
+        while mask != 0:
+            k = block + lowest_bit(mask)
+            mask &= mask - np.uint64(1)
+            least = min(least, hull[0, k] * m[0] + hull[1, k] * m[1] + hull[2, k] * m[2] - hull[3, k])
     if own - least > _ON_HULL * world.bodies.radius[i]:
         return
     for k in range(KEPT):
@@ -170,16 +177,14 @@ def _write_depths(m, e, low, high, hull, room):
 
     The height is relative to the centre of mass. ``m`` points up and ``e`` along the tilt, body frame.
     """
-    tilts = len(room)
+    tilts = room.shape[1]
     for t in range(tilts):
-        room[t, 2] = math.inf
+        room[DEPTH, t] = math.inf
     for k in range(low, high):
-        x, y, z, r = hull[0, k], hull[1, k], hull[2, k], hull[3, k]
+        x, y, z, r = float(hull[0, k]), float(hull[1, k]), float(hull[2, k]), float(hull[3, k])
         p, q = m[0] * x + m[1] * y + m[2] * z, e[0] * x + e[1] * y + e[2] * z
-        for t in range(tilts):
-            depth = room[t, 0] * p + room[t, 1] * q - r
-            if depth < room[t, 2]:
-                room[t, 2], room[t, 3] = depth, float(k)
+        for t in range(0, tilts, LANES):
+            lower_depths(room, t, p, q, r, float(k))
 
 
 @inner(error_model="numpy")
@@ -189,22 +194,22 @@ def _support_way(m, e, a, b, low, high, hull, room):
     Returns their slopes, and their values at zero tilt, which are jumps [m].
     """
     _write_depths(m, e, low, high, hull, room)
-    count = len(room) // 2
+    count = room.shape[1] // 2
     mean = square = 0.0
     for t in range(count):
-        mean += room[t, 1] / count
+        mean += room[SIN, t] / count
     for t in range(count):
-        square += (room[t, 1] - mean) ** 2
+        square += (room[SIN, t] - mean) ** 2
     slope_a = slope_b = jump_a = jump_b = 0.0
     for t in range(count):
         u = v = 0.0
         for side in range(2):
-            k = int(room[t + side * count, 3])
-            sign, reach = (0.5 if side else -0.5), hull[3, k] * room[t + side * count, 1]
+            k = int(room[LOWEST, t + side * count])
+            sign, reach = (0.5 if side else -0.5), hull[3, k] * room[SIN, t + side * count]
             x, y, z = hull[0, k] - reach * e[0], hull[1, k] - reach * e[1], hull[2, k] - reach * e[2]
             u += sign * dot(a, (x, y, z))
             v += sign * dot(b, (x, y, z))
-        share = (room[t, 1] - mean) / square
+        share = (room[SIN, t] - mean) / square
         slope_a, slope_b = slope_a + share * u, slope_b + share * v
         jump_a, jump_b = jump_a + u / count, jump_b + v / count
     return slope_a, slope_b, jump_a - mean * slope_a, jump_b - mean * slope_b
@@ -218,16 +223,16 @@ def _turned(m, d, e, longest, radius, low, high, hull, room):
     less between spheres than supports do. A rotated line of half length ``longest`` adds to the tilt on one
     side; on the other the cylinder's radius matters.
     """
-    count, total, square = len(room) // 2, 0.0, 0.0
+    count, total, square = room.shape[1] // 2, 0.0, 0.0
     for side in range(2):
         sign = 1.0 if side == 0 else -1.0
         _write_depths(m, plus(times(_DIAGONAL, d), times(sign * _DIAGONAL, e)), low, high, hull, room)
         for t in range(2 * count):
-            sine = abs(room[t, 1])
+            sine = abs(room[SIN, t])
             grows = (
                 2.0 * sine * (_DIAGONAL * longest - 0.5 * radius * sine / math.sqrt(1.0 - 0.5 * sine * sine))
             )
-            total -= sign * grows * room[t, 2]
+            total -= sign * grows * room[DEPTH, t]
             square += 0.5 * grows * grows
     return total / square
 
@@ -240,18 +245,18 @@ def _round_shape(m, e, low, high, hull, room):
     both sides.
     """
     _write_depths(m, e, low, high, hull, room)
-    count = len(room) // 2
+    count = room.shape[1] // 2
     square = sine = cosine = mean = middle = 0.0
     for t in range(count):
-        square += room[t, 1] ** 2
-        sine += room[t, 1] / count
-        cosine += room[t, 0] / count
-        mean += 0.5 * (room[t, 2] + room[t + count, 2]) / count
-        middle += 0.5 * room[t, 1] * (room[t, 2] - room[t + count, 2])
+        square += room[SIN, t] ** 2
+        sine += room[SIN, t] / count
+        cosine += room[COS, t] / count
+        mean += 0.5 * (room[DEPTH, t] + room[DEPTH, t + count]) / count
+        middle += 0.5 * room[SIN, t] * (room[DEPTH, t] - room[DEPTH, t + count])
     cc = cs = ss = cy = sy = 0.0
     for t in range(count):
-        c, s = room[t, 0] - cosine, room[t, 1] - sine
-        y = 0.5 * (room[t, 2] + room[t + count, 2]) - mean
+        c, s = room[COS, t] - cosine, room[SIN, t] - sine
+        y = 0.5 * (room[DEPTH, t] + room[DEPTH, t + count]) - mean
         cc, cs, ss, cy, sy = cc + c * c, cs + c * s, ss + s * s, cy + c * y, sy + s * y
     whole = cc * ss - cs * cs
     by_cosine, by_sine = (cy * ss - sy * cs) / whole, (sy * cc - cy * cs) / whole

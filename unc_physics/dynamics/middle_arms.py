@@ -301,7 +301,7 @@ def _support(n, back, along, axis, sphere, i, R, world):
     offset = axis[0] * center[0] + axis[1] * center[1] + axis[2] * center[2]
     plane, least, lowest = (x, y, z, 0.0), np.inf, low
     for first in range(low, high, LANES):  # heights without the slope are lower, and tested eight at once
-        mask = _lower(hull, first, high, plane, least)
+        mask = lower_spheres(hull, first, high, plane, least)
         while mask != 0:
             k = first + lowest_bit(mask)
             mask &= mask - np.uint64(1)
@@ -312,7 +312,7 @@ def _support(n, back, along, axis, sphere, i, R, world):
     middle = ax * hull[0, lowest] + ay * hull[1, lowest] + az * hull[2, lowest]
     total = place = 0.0
     for first in range(low, high, LANES):
-        mask = _lower(hull, first, high, plane, least + _CUT * smoothing)
+        mask = lower_spheres(hull, first, high, plane, least + _CUT * smoothing)
         while mask != 0:
             k = first + lowest_bit(mask)
             mask &= mask - np.uint64(1)
@@ -328,7 +328,7 @@ def _support(n, back, along, axis, sphere, i, R, world):
 
 
 @inner(forceinline=True)
-def _lower(hull, first, end, plane, limit):
+def lower_spheres(hull, first, end, plane, limit):
     """Return a mask of the spheres from ``first`` on, eight before ``end``, that are below a height [m]."""
     mask = plane_mask(hull, first, plane, plane, limit)
     if end - first < LANES:
