@@ -137,14 +137,15 @@ class Records(NamedTuple):
     ----------
     states : (T N, B, 13) float64
     first_time : (T N, B, B + E) float32
-    memory : SolverMemory
+    memory : SolverMemory or None
+        None with the explicit step.
     rollouts : int
         N.
     """
 
     states: np.ndarray
     first_time: np.ndarray
-    memory: SolverMemory
+    memory: SolverMemory | None
     rollouts: int
 
 

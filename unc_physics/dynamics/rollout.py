@@ -53,13 +53,6 @@ def recorded(states, contact_history, world, begin, stops):
     stops : Stops
         The explicit step takes whole steps only.
     """
-    if world.implicit is None:
-        found, done = [], 0
-        for steps in stops.steps.tolist():
-            rollout(states, contact_history, world, begin + done, steps - done)
-            found.append((states.copy(), histories.copy(contact_history)))
-            done = steps
-        return found
     world, records = limited(world), new_records(states, contact_history, stops)
 
     def run(some):
@@ -76,15 +69,27 @@ def recorded(states, contact_history, world, begin, stops):
 
 
 def new_records(states, contact_history, stops):
-    """Return empty `Records` of rollouts of the implicit step."""
+    """Return empty `Records` of rollouts; their memory is None with the explicit step, which has none."""
     count = len(states) * len(stops.steps)
     first, memory = contact_history.first_time, contact_history.solver
-    some = [np.empty((count, *values.shape[1:]), values.dtype) for values in (states, first, *memory)]
-    return Records(some[0], some[1], type(memory)(*some[2:]), len(states))
+    some = [np.empty((count, *values.shape[1:]), values.dtype) for values in (states, first, *(memory or ()))]
+    return Records(some[0], some[1], None if memory is None else type(memory)(*some[2:]), len(states))
 
 
 def record(states, contact_history, world, begin, stops, records, place):
     """Advance a batch in the calling thread, and record it; ``place`` is the first one's in the records."""
+    if world.implicit is None:
+        record_explicit(
+            states,
+            contact_history.first_time,
+            world,
+            world.environment,
+            begin,
+            stops.steps,
+            records[:2],
+            place,
+        )
+        return
     record_implicit(
         states, contact_history.first_time, contact_history.solver, world, begin, stops, records, place
     )
@@ -95,7 +100,9 @@ def read_records(records, contact_history):
     found = []
     for first in range(0, len(records.states), records.rollouts):
         rows = slice(first, first + records.rollouts)
-        memory = type(records.memory)(*(values[rows] for values in records.memory))
+        memory = records.memory
+        if memory is not None:
+            memory = type(memory)(*(values[rows] for values in memory))
         history = contact_history._replace(first_time=records.first_time[rows], solver=memory)
         found.append((records.states[rows], history))
     return found
@@ -109,15 +116,31 @@ def simulate(states, world, steps):
 def advance(states, contact_history, world, begin, steps):
     """Advance a batch as `rollout` does, in the calling thread, by the world's integrator."""
     if world.implicit is None:
-        advance_explicit(states, contact_history.first_time, world, world.environment, begin, steps)
+        first, nothing = contact_history.first_time, (states[:0], contact_history.first_time[:0])
+        record_explicit(states, first, world, world.environment, begin, np.array([steps]), nothing, 0)
     else:
         advance_implicit(states, contact_history.first_time, contact_history.solver, world, begin, steps)
 
 
 @kernel
-def advance_explicit(states, first_time, world, environment, begin, steps):
-    """Advance states (N, B, 13) and first contacts (N, B, B + E) in place by explicit steps."""
+def record_explicit(states, first_time, world, environment, begin, stops, records, place):
+    """Advance states (N, B, 13) and first contacts (N, B, B + E) in place by explicit steps.
+
+    After each of ``stops`` (T,) steps they are recorded in the first two arrays of `Records`, in which
+    ``place`` is the first one's number; nowhere if these are empty.
+    """
+    some, first = records
+    rollouts = len(some) // len(stops)
     for n in range(len(states)):
-        integrate(
-            states[n], first_time[n], world, environment, None, begin, steps, workspace(states[n], world)
-        )
+        work, done = workspace(states[n], world), 0
+        for t in range(len(stops)):
+            integrate(states[n], first_time[n], world, environment, None, begin + done, stops[t] - done, work)
+            done = stops[t]
+            if rollouts == 0:
+                continue
+            row = rollouts * t + place + n
+            for i in range(states.shape[1]):
+                for k in range(states.shape[2]):
+                    some[row, i, k] = states[n, i, k]
+                for k in range(first_time.shape[2]):
+                    first[row, i, k] = first_time[n, i, k]
