@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from ..spatial.layout import ERR_POSITION, ERR_VELOCITY, POSITION, VELOCITY
 MATERIAL_STDS = tuple(f"{name}_std" for name in Materials._fields)
 _FAR = 6.0  # standard deviations within which nothing must be reached
 _TIMES = 64  # at which distances are looked at
+#: Scenes without some fields, so that a scene that is predicted again has its arrays already.
+_reduced: WeakKeyDictionary[Scene, dict[tuple[str, ...], Scene]] = WeakKeyDictionary()
 
 
 def left_out(scene: Scene, propagator: Propagator) -> tuple[str, ...]:
@@ -29,9 +32,17 @@ def left_out(scene: Scene, propagator: Propagator) -> tuple[str, ...]:
 
 
 def without(scene: Scene, names: tuple[str, ...]) -> Scene:
-    """Return the scene with these fields zero, of the scene and of its surfaces."""
+    """Return the scene with these fields zero, of the scene and of its surfaces: always the same object."""
     if not names:
         return scene
+    known = _reduced.setdefault(scene, {})
+    if names not in known:
+        known[names] = _without(scene, names)
+    return known[names]
+
+
+def _without(scene, names):
+    """As `without`, a new scene."""
     of_surfaces = dict.fromkeys([name for name in names if name in MATERIAL_STDS], 0.0)
 
     def certain(surfaces):

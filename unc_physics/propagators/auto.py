@@ -104,7 +104,8 @@ class Auto(Cloud, Anytime):
 
     def _excess(self, carry, scene):
         """(B,): the largest error of each body over what is enough."""
-        errors = self.standard_errors(carry, scene)
+        of_rotations = self.standard_errors if self.rotation_error > 0.0 else self._straight_errors
+        errors = of_rotations(carry, scene)
         wishes = self.error, self.spread_error, self.position_error, self.rotation_error
         found = errors.relative, errors.spread, errors.position, errors.rotation
         result = np.zeros(len(carry.mean))

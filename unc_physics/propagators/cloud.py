@@ -33,7 +33,7 @@ from .options import option
 from .reduction import reduction, symmetric
 from .rollouts import SimulatedRollouts
 from .sobol import normal_points
-from .standard_errors import standard_errors, surface_errors
+from .standard_errors import standard_errors, surface_errors, wrapped_errors
 from .start import resolve_initial_overlap
 
 FEWEST_RUNS = 12
@@ -99,6 +99,11 @@ class CloudCarry(_Carry):
     @cached_property
     def errors(self) -> list[StandardErrors]:
         """Standard errors, once they were asked for."""
+        return []
+
+    @cached_property
+    def straight_errors(self) -> list[StandardErrors]:
+        """Those of rotations that do not wrap around, once they were asked for."""
         return []
 
     @cached_property
@@ -261,8 +266,15 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
 
     def standard_errors(self, carry, scene):
         if not carry.errors:  # of a new batch, the answer and its status
-            carry.errors.append(standard_errors(self._runs(carry), scene))
+            straight = self._straight_errors(carry, scene)
+            carry.errors.append(wrapped_errors(self._runs(carry), scene, straight))
         return carry.errors[0]
+
+    def _straight_errors(self, carry, scene):
+        """As `standard_errors`, as if rotations did not wrap around."""
+        if not carry.straight_errors:
+            carry.straight_errors.append(standard_errors(self._runs(carry), scene))
+        return carry.straight_errors[0]
 
     def _points(self, count, dimensions, columns, simulated):
         """(count, r + K): what the rollouts are spread by."""

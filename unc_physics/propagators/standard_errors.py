@@ -29,9 +29,8 @@ def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
     """Standard errors of means and standard deviations, from what leaving one rollout out shows.
 
     A mean or a variance is that of the surface, known, plus that of what is left besides, of which N rollouts
-    are a sample. Without a surface it is Monte Carlo's. A mean of rotations that spread over more than a
-    radian is less sure than the mean of what does not wrap around, by what leaving out parts of the rollouts
-    shows (the jackknife); ``relative`` does not count that, as no number of rollouts makes such a mean sure.
+    are a sample. Without a surface it is Monte Carlo's. Rotations count as if they did not wrap around
+    (`wrapped_errors`).
     """
     count = len(runs.mean)
     errors = StandardErrors(*(np.zeros(count) for _ in StandardErrors._fields))
@@ -60,10 +59,23 @@ def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
                 unknown = np.where(fewer, by_surface, unknown[: len(left)])
             share = np.sqrt(unknown.var(axis=0) / number) / (2.0 * np.maximum(variance, nothing**2))
             spread[bodies] = share
+    return errors
+
+
+def wrapped_errors(runs: Runs, scene: Scene, errors: StandardErrors) -> StandardErrors:
+    """Return `standard_errors` with those of means of rotations that wrap around.
+
+    A mean of rotations that spread over more than a radian is less sure than the mean of what does not wrap
+    around, by what leaving out parts of the rollouts shows (the jackknife). ``relative`` does not count that,
+    as no number of rollouts makes such a mean sure.
+    """
+    rotation = errors.rotation.copy()
+    for found in moments(runs, scene):
+        bodies, own = found.group.bodies, found.errors.reshape(len(found.errors), -1, ERROR)
         wide = np.sqrt((own[:, :, ERR_ROTATION] ** 2).sum(axis=2).mean(axis=0)) > _WIDE
         if wide.any():
-            errors.rotation[bodies[wide]] *= _wrapping(found)[wide]
-    return errors
+            rotation[bodies[wide]] *= _wrapping(found)[wide]
+    return errors._replace(rotation=rotation)
 
 
 def _wrapping(found: Moments) -> np.ndarray:
