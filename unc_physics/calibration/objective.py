@@ -141,21 +141,21 @@ class Scores(NamedTuple):
 
 def scored(states: Sequence[np.ndarray], poses: Sequence[np.ndarray]) -> Scores:
     """Scores of states (n, 13) at each time against poses (7,)."""
-    rows = []
-    for x, pose in zip(states, poses, strict=True):
-        errors = scores.pose_errors(x, pose)
-        pairs = (errors.position, errors.seen_position), (errors.rotation, errors.seen_rotation)
-        found = [scores.gaussian_scores(*pair, wide) for pair, wide in zip(pairs, _WIDE, strict=True)]
-        rows.append(
+    errors = scores.pose_errors(np.array(states), np.array(poses))
+    pairs = (errors.position, errors.seen_position), (errors.rotation, errors.seen_rotation)
+    (of_position, position_rank), (of_rotation, rotation_rank) = (
+        scores.gaussian_scores(*pair, wide) for pair, wide in zip(pairs, _WIDE, strict=True)
+    )
+    position, rotation = np.array(
+        [
             (
                 scores.energy_score(x[:, POSITION], pose[:3], fair=True),
                 scores.rotation_energy_score(x[:, QUATERNION], pose[3:], fair=True),
-                0.5 * (found[0][0] + found[1][0]),
-                found[0][1],
-                found[1][1],
             )
-        )
-    position, rotation, density, position_rank, rotation_rank = np.array(rows).T
+            for x, pose in zip(states, poses, strict=True)
+        ]
+    ).T
+    density = 0.5 * (of_position + of_rotation)
     lies = scores.fair_brier_score(scores.lies_alike(states[-1][:, QUATERNION], poses[-1][3:]))
     return Scores(position, rotation, float(density.mean()), lies, position_rank, rotation_rank)
 

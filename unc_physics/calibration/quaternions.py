@@ -38,11 +38,11 @@ def of_vectors(turns: np.ndarray) -> np.ndarray:
 
 
 def mean(q: np.ndarray, rounds: int = 10) -> np.ndarray:
-    """(4,): the Karcher mean of quaternions (n, 4)."""
-    middle = np.linalg.eigh(q.T @ q)[1][:, -1]
+    """(..., 4): the Karcher means of quaternions (..., n, 4)."""
+    middle = np.linalg.eigh(np.einsum("...ni,...nj->...ij", q, q))[1][..., -1]
     for _ in range(rounds):
-        turn = rotation_vectors(product(inverse(middle), q)).mean(axis=0)
+        turn = rotation_vectors(product(inverse(middle)[..., None, :], q)).mean(axis=-2)
         middle = product(middle, of_vectors(turn))
-        if turn @ turn < 1e-12:
+        if np.sum(turn**2, axis=-1).max() < 1e-12:
             break
-    return middle / np.linalg.norm(middle)
+    return middle / np.linalg.norm(middle, axis=-1, keepdims=True)

@@ -82,9 +82,9 @@ class PoseErrors(NamedTuple):
 
     Attributes
     ----------
-    position, rotation : (n, 3) arrays
+    position, rotation : (..., n, 3) arrays
         Of the samples, world axes [m] and body axes [rad].
-    seen_position, seen_rotation : (3,) arrays
+    seen_position, seen_rotation : (..., 3) arrays
         Of what came.
     """
 
@@ -95,32 +95,33 @@ class PoseErrors(NamedTuple):
 
 
 def pose_errors(states: np.ndarray, observed: np.ndarray) -> PoseErrors:
-    """Errors of states (n, 13) and of a pose (7,)."""
-    middle, back = states[:, POSITION].mean(axis=0), inverse(mean(states[:, QUATERNION]))
+    """Errors of states (..., n, 13) and of poses (..., 7)."""
+    middle = states[..., POSITION].mean(axis=-2)
+    back = inverse(mean(states[..., QUATERNION]))
     return PoseErrors(
-        states[:, POSITION] - middle,
-        rotation_vectors(product(back, states[:, QUATERNION])),
-        observed[:3] - middle,
-        rotation_vectors(product(back, observed[3:])),
+        states[..., POSITION] - middle[..., None, :],
+        rotation_vectors(product(back[..., None, :], states[..., QUATERNION])),
+        observed[..., :3] - middle,
+        rotation_vectors(product(back, observed[..., 3:])),
     )
 
 
-def gaussian_scores(errors: np.ndarray, observed: np.ndarray, wide: float) -> tuple[float, float]:
-    """Compare what came (d,) with the Gaussian of samples, errors (n, d) from their mean.
+def gaussian_scores(errors: np.ndarray, observed: np.ndarray, wide: float) -> tuple[np.ndarray, np.ndarray]:
+    """Compare what came (..., d) with the Gaussian of samples, errors (..., n, d) from their mean.
 
     Parameters
     ----------
-    errors : (n, d) array
-    observed : (d,) array
+    errors : (..., n, d) array
+    observed : (..., d) array
     wide : float
         With a share of `OUTSIDE` the density is a Gaussian of this standard deviation in each direction, so
         that what no sample showed costs much, but not all.
 
     Returns
     -------
-    log_score : float
+    log_score : (...) array
         Negative logarithm of the density of what came, per dimension.
-    rank : float
+    rank : (...) array
         Share of samples nearer to their mean than what came, by Mahalanobis distance. It is uniform between
         0 and 1 where predictions are right: the region of 90 % holds what has at most 0.9.
 
@@ -129,17 +130,17 @@ def gaussian_scores(errors: np.ndarray, observed: np.ndarray, wide: float) -> tu
     The Gaussian of few samples is too sure of itself, which would reward spread: both terms of the score are
     corrected by the moments of Wishart's distribution to what they are on average for endless samples.
     """
-    count, dimensions = errors.shape
+    count, dimensions = errors.shape[-2:]
     samples, seen, root_determinant = _whitened(errors, observed)
-    square, freedom = seen @ seen, count - 1
-    rank = float(np.mean(np.sum(samples**2, axis=1) < square))
+    square, freedom = np.sum(seen**2, axis=-1), count - 1
+    rank = np.mean(np.sum(samples**2, axis=-1) < square[..., None], axis=-1)
     if freedom > dimensions + 1:
         square = (freedom - dimensions - 1) / freedom * square - dimensions / count
         halves = 0.5 * (freedom - np.arange(dimensions))
-        root_determinant -= 0.5 * float(np.sum(_digamma(halves) - np.log(0.5 * freedom)))
+        root_determinant = root_determinant - 0.5 * float(np.sum(_digamma(halves) - np.log(0.5 * freedom)))
     inside = np.log1p(-OUTSIDE) - 0.5 * square - root_determinant
-    outside = np.log(OUTSIDE) - 0.5 * (observed @ observed) / wide**2 - dimensions * np.log(wide)
-    return float(-np.logaddexp(inside, outside) / dimensions), rank
+    outside = np.log(OUTSIDE) - 0.5 * np.sum(observed**2, axis=-1) / wide**2 - dimensions * np.log(wide)
+    return -np.logaddexp(inside, outside) / dimensions, rank
 
 
 def _digamma(x):
@@ -150,9 +151,14 @@ def _digamma(x):
 
 
 def _whitened(errors, observed):
-    """Samples (n, d) and what came (d,) in standard deviations, and half the covariance's log determinant."""
-    centered = errors - errors.mean(axis=0)
-    values, vectors = np.linalg.eigh(centered.T @ centered / max(len(errors) - 1, 1))
-    values = np.maximum(values, max(1e-9 * values.max(), 1e-30))
-    axes = vectors / np.sqrt(values)
-    return centered @ axes, (observed - errors.mean(axis=0)) @ axes, 0.5 * float(np.log(values).sum())
+    """Samples (..., n, d) and what came (..., d) in standard deviations, and half the covariance's log
+    determinant (...).
+    """
+    middle = errors.mean(axis=-2)
+    centered = errors - middle[..., None, :]
+    square = np.einsum("...ni,...nj->...ij", centered, centered)
+    values, vectors = np.linalg.eigh(square / max(errors.shape[-2] - 1, 1))
+    values = np.maximum(values, np.maximum(1e-9 * values.max(axis=-1, keepdims=True), 1e-30))
+    axes = vectors / np.sqrt(values)[..., None, :]
+    seen = np.einsum("...i,...ij->...j", observed - middle, axes)
+    return centered @ axes, seen, 0.5 * np.log(values).sum(axis=-1)

@@ -24,6 +24,7 @@ from .scene import Scene
 _KEPT, _KEPT_WITH_PACKINGS = 32_768, 1024  # worlds; a centre of mass that is uncertain gives each a packing
 _FIRST_PART = 2  # samples; each is a separate call and may take many steps
 _worlds_of = weakref.WeakKeyDictionary()  # of each computation: by scenes, the last parameters and worlds
+_changes_of = weakref.WeakKeyDictionary()  # of each scene: `_material_changes`
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # bounds the rounding of a shift, relative to the body's size
 
 
@@ -46,9 +47,11 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     """
     world = scene.world
     b, bodies, tilts = world.bodies, scene.bodies, {}
-    mass, inertia, inverse_mass, inverse_inertia = (
-        constant.copy() for constant in (b.mass, b.inertia, b.inverse_mass, b.inverse_inertia)
-    )
+    mass, inertia, inverse_mass, inverse_inertia = b.mass, b.inertia, b.inverse_mass, b.inverse_inertia
+    if any(parameter.name == "mass" for parameter in scene.uncertain):
+        mass, inertia, inverse_mass, inverse_inertia = (
+            constant.copy() for constant in (mass, inertia, inverse_mass, inverse_inertia)
+        )
     radius, tree, gravity, stiffness, tilt = b.radius, world.tree, world.gravity, world.stiffness, np.zeros(2)
     for parameter, value in zip(scene.uncertain, z, strict=True):
         name, k = parameter.name, parameter.body
@@ -69,9 +72,15 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     offsets = center_offsets(scene, z[None])[0]
     if len(offsets):
         tree, radius = _shifted_trees(scene, offsets)
-    own = b._replace(
-        mass=mass, inertia=inertia, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia, radius=radius
-    )
+    own = b
+    if mass is not b.mass or radius is not b.radius:
+        own = b._replace(
+            mass=mass,
+            inertia=inertia,
+            inverse_mass=inverse_mass,
+            inverse_inertia=inverse_inertia,
+            radius=radius,
+        )
     implicit = world.implicit
     if implicit is not None:
         friction, restitution = vary_materials(scene, z)
@@ -104,7 +113,17 @@ def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
     The scene's own parameters apply to all surfaces without their own values.
     """
     found = Materials(*(values.copy() for values in scene.materials))
-    for parameter, value in zip(scene.uncertain, z, strict=True):
+    for c, name, places, value in _material_changes(scene):
+        getattr(found, name)[places] = varied(name, value, scene.uncertain[c].std, z[c])
+    return found
+
+
+def _material_changes(scene):
+    """Return index, name, surfaces and value of each of the scene's uncertain materials."""
+    if scene in _changes_of:
+        return _changes_of[scene]
+    found = []
+    for c, parameter in enumerate(scene.uncertain):
         name, k = parameter.name, parameter.body
         if name not in Materials._fields:
             continue
@@ -113,7 +132,8 @@ def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
             owner, places = scene, [j for j, surface in surfaces if getattr(surface, name) is None]
         else:
             owner, places = scene.surfaces[k], [k]
-        getattr(found, name)[places] = varied(name, getattr(owner, name), parameter.std, value)
+        found.append((c, name, places, getattr(owner, name)))
+    _changes_of[scene] = found
     return found
 
 
@@ -132,13 +152,6 @@ def recorded_varied(
     states: np.ndarray, contact_history: ContactHistory, scene: Scene, z: np.ndarray, begin: int, stops: Stops
 ) -> list[tuple[np.ndarray, ContactHistory]]:
     """Return states and histories at stops as in `dynamics.rollout.recorded`, likewise."""
-    if scene.integrator == "explicit":
-        found, done = [], 0
-        for steps in stops.steps.tolist():
-            rollout_varied(states, contact_history, scene, z, begin + done, steps - done)
-            found.append((states.copy(), histories.copy(contact_history)))
-            done = steps
-        return found
     records = new_records(states, contact_history, stops)
 
     def one(own, world):
