@@ -6,19 +6,20 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Transform as Place
 from geometry_msgs.msg import Vector3
 from geometry_msgs.msg import Wrench as WrenchMessage
-from scenes import moving_object
+from scenes import material_of, moving_object
 from scipy.spatial.transform import Rotation
+from shape_msgs.msg import Plane as PlaneMessage
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics import Belief, BodyBelief, Box, Plane, PosePath, RigidBody, Scene, UncPhysicsError, Wrench
-from unc_physics.checks.errors import NotSupportedError
 from unc_physics.ros.messages.actions import write_actions
 from unc_physics.ros.messages.frames import Transform
 from unc_physics.ros.messages.scene import read_scene, write_scene
 from unc_physics.ros.models import ModelLibrary, _info
 from unc_physics.scene.action_arrays import path_states
 from unc_physics.scene.presets import EXACT_PRESETS
-from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, ObjectState
+from unc_physics.scene.scene_file import scene_from_dict
+from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, EnvironmentElement, ObjectState
 from unc_physics_msgs.msg import Scene as SceneMessage
 
 LIBRARY = ModelLibrary()
@@ -189,7 +190,36 @@ def test_bad_input_is_named(kind, actions, sentence):
     assert str(error.value).startswith(sentence)
 
 
-def test_drag_is_not_lost_in_a_message():
-    scene = Scene.everyday([RigidBody("mug", MUG, 0.3, drag=0.01)], environment=[Plane()])
-    with pytest.raises(NotSupportedError, match="drag of body 'mug' has no field in messages"):
-        write_scene(scene, Belief.of(scene, {"mug": BodyBelief()}), told)
+def test_drag_and_materials_go_there_and_back():
+    bodies = [
+        RigidBody("mug", MUG, 0.3, drag=0.01, material="cardboard"),
+        RigidBody("cup", MUG, 0.3, material="wood", friction=0.4, restitution_std=0.05),
+        RigidBody("plain", MUG, 0.3),
+    ]
+    scene = Scene.everyday(bodies, environment=[Plane(material="rubber", restitution=0.2)])
+    found = read(scene, Belief.of(scene, {body.name: BodyBelief() for body in bodies}))
+    names = ("material", "friction", "friction_std", "restitution", "restitution_std")
+    for own, given in zip(
+        (*found.bodies, *found.environment), (*scene.bodies, *scene.environment), strict=True
+    ):
+        assert [getattr(own, name) for name in names] == [getattr(given, name) for name in names]
+    assert [body.drag for body in found.bodies] == [0.01, 0.0, 0.0]
+
+
+def test_a_material_is_that_of_a_scene_file():
+    """The same words as in a scene file give the same scene."""
+    given, surface = {"material": "cardboard", "friction": 0.4}, {"material": "glass", "restitution_std": 0.1}
+    body = {"name": "a", "model": "can", "spheres": 20, "drag": 0.02} | given
+    plane = {"name": "floor", "plane": {"normal": [0, 0, 1]}} | surface
+    loaded = scene_from_dict({"physics": "everyday", "bodies": [body], "environment": [plane]}).scene
+    message = moving_object("a", "can", spheres=20)
+    message.drag, message.material = 0.02, material_of(name="cardboard", friction=0.4)
+    floor = EnvironmentElement(plane=PlaneMessage(coef=[0.0, 0.0, 1.0, 0.0]))
+    floor.material = material_of(name="glass", restitution_std=0.1)
+    sent = SceneMessage(objects=[message])
+    sent.environment.elements = [floor]
+    found = read_scene(sent, LIBRARY, EXACT_PRESETS["everyday"]).scene
+    names = ("friction", "friction_std", "restitution", "restitution_std")
+    for own, expected in ((found.bodies[0], loaded.bodies[0]), (found.environment[0], loaded.environment[0])):
+        assert [getattr(own, name) for name in names] == [getattr(expected, name) for name in names]
+    assert found.bodies[0].drag == loaded.bodies[0].drag == 0.02

@@ -98,6 +98,12 @@ def object_of(**material):
     return request
 
 
+def fixed_with_drag():
+    request = changed("@.drag", 0.1)
+    request.scene.objects[1].kind = ObjectState.FIXED
+    return request
+
+
 def with_joint(ids, size=None):
     request = good_request()
     size = 12 * len(ids) if size is None else size
@@ -313,6 +319,24 @@ BAD = {
         "INVALID_OPTION",
         "@.material.friction",
     ),
+    "a material that is not in the table": (
+        object_of(name="woood"),
+        "INVALID_REQUEST",
+        "@.material.name must be one of aluminum, cardboard, concrete, glass, plastic, rubber, steel, wood",
+    ),
+    "an element's material that is not in the table": (
+        elements(with_material(floor(), name="Rubber")),
+        "INVALID_ENVIRONMENT",
+        "#.material.name must be one of aluminum",
+    ),
+    "a material with the explicit step": (
+        explicit(object_of(name="wood")),
+        "INVALID_OPTION",
+        "@.material.name needs 'integrator: implicit'",
+    ),
+    "negative drag": wrong("@.drag", -0.1, "INVALID_REQUEST"),
+    "drag that is no number": wrong("@.drag", NAN, "NOT_FINITE"),
+    "drag of a fixed object": (fixed_with_drag(), "INVALID_REQUEST", "@.drag must be absent"),
     "restitution of an element above 1": (
         elements(with_material(floor(), restitution=2.0)),
         "INVALID_ENVIRONMENT",

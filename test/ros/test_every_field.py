@@ -210,6 +210,9 @@ EFFECTS = {
     f"{OBJECT}.belief.mass_std": (set_to(belief, mass_std=0.3), "rollouts"),
     f"{OBJECT}.belief.center_of_mass_std": (set_to(belief, center_of_mass_std=Vector3(x=0.01)), POSE),
     f"{OBJECT}.inertia": (set_to(first, inertia=1e-2 * np.eye(3).ravel()), POSE),
+    f"{OBJECT}.drag": (set_to(first, drag=1.0), POSE),
+    f"{OBJECT}.material.name": (material(first, name="rubber"), POSE),
+    f"{FLOOR}.material.name": (material(floor, name="rubber"), POSE),
     f"{OBJECT}.material.friction": (material(first, friction=0.05), POSE),
     f"{OBJECT}.material.friction_std": (
         material(first, friction=0.5, friction_std=0.2),

@@ -14,13 +14,13 @@ from .material_table import MATERIALS
 
 #: Values of the explicit step, which may be given explicitly: elastic contacts, overlap kept, no other law.
 _EXPLICIT = {
+    "material": None,  # first, as its friction and restitution were not given
     "friction": 0.0,
     "restitution": 1.0,
     "friction_std": 0.0,
     "restitution_std": 0.0,
     "sleep": False,
     "at_rest": False,
-    "material": None,
     "impact_friction_speed": None,
     "impact_direction_std": 0.0,
     "impact_point_std": 0.0,

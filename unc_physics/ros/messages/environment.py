@@ -34,7 +34,8 @@ from .fields import given_shapes, optional, packed, pose_message, vector_message
 #: Fields of a Material message with a flag, and those without; a `Surface` has attributes of the same names.
 _OPTIONAL_FIELDS = ("friction", "restitution", "torsional_friction")
 _STD_FIELDS = ("friction_std", "restitution_std")
-MATERIAL_FIELDS = _OPTIONAL_FIELDS + _STD_FIELDS
+#: Name of the Material message's field for each attribute of a `Surface`.
+MATERIAL_FIELDS = {"material": "name"} | {name: name for name in _OPTIONAL_FIELDS + _STD_FIELDS}
 #: Kinds of primitives that are packed; the others are exact elements.
 _PACKED_KINDS = SolidPrimitive.CONE, SolidPrimitive.PRISM
 _OBSTACLE_SPHERES = 1000  # spheres of a packed element
@@ -154,14 +155,14 @@ def write_element(element: Element, name: str, field: str) -> EnvironmentElement
 
 
 def read_material(message, field: str, error: type[UncPhysicsError] = InvalidRequestError) -> tuple:
-    """Return the friction and restitution of a message as pairs of a `Surface`'s keyword and its value.
+    """Return the material of a message as pairs of a `Surface`'s keyword and its value.
 
     Raises
     ------
     UncPhysicsError
         Of the given type, or `NotFiniteError`.
     """
-    given = {}
+    given = {"material": message.name} if message.name else {}
     for name in _OPTIONAL_FIELDS:
         if (value := optional(message, name, field)) is not None:
             given[name] = value
@@ -172,13 +173,14 @@ def read_material(message, field: str, error: type[UncPhysicsError] = InvalidReq
         try:
             check_surface(Surface(**given), error=error)
         except UncPhysicsError as bad:
-            raise type(bad)(bad.problem, field=f"{field}.{bad.field}", value=bad.value) from None
+            name = MATERIAL_FIELDS.get(bad.field or "", bad.field)
+            raise type(bad)(bad.problem, field=f"{field}.{name}", value=bad.value) from None
     return tuple(given.items())
 
 
 def write_material(surface: Surface) -> Material:
-    """Return the message of a surface's friction and restitution; absent entries take the default."""
-    message = Material(**{name: getattr(surface, name) for name in _STD_FIELDS})
+    """Return the message of a surface's material; absent entries take the default."""
+    message = Material(name=surface.material or "", **{name: getattr(surface, name) for name in _STD_FIELDS})
     for name in _OPTIONAL_FIELDS:
         if (value := getattr(surface, name)) is not None:
             setattr(message, name, float(value))

@@ -26,7 +26,6 @@ from ...checks.errors import (
     LimitExceededError,
     NoObjectsError,
     NotFiniteError,
-    NotSupportedError,
     UncPhysicsError,
 )
 from ...checks.validation import FARTHEST, array, covariance, non_negative, number, point, quaternion
@@ -154,7 +153,7 @@ class BodyFields(NamedTuple):
     def of(self, attribute: str) -> str:
         """Return the message's name of an attribute of a `RigidBody`."""
         if attribute in MATERIAL_FIELDS:
-            return f"{self.field}.material.{attribute}"
+            return f"{self.field}.material.{MATERIAL_FIELDS[attribute]}"
         if attribute in ("mass_std", "center_of_mass_std"):
             return f"{self.field}.belief.{attribute}"
         return self.actions.field(attribute) or f"{self.field}.{attribute}"
@@ -276,7 +275,7 @@ def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelI
     UnknownModelError, InvalidModelError
         If the node does not have a body's model, or has a different model with its name.
     NotSupportedError
-        If messages have no field for an element of the environment, or for a body's drag.
+        If messages have no field for an element of the environment.
     """
     message = SceneMessage(
         objects=[write_object(scene, belief, b, model_info) for b in range(len(scene.bodies))]
@@ -296,10 +295,6 @@ def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelI
 def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str], ModelInfo]) -> ObjectState:
     """Return the message of body ``b``, without actions on it; errors are as in `write_scene`."""
     body: RigidBody = scene.bodies[b]
-    if body.drag:
-        raise NotSupportedError(
-            "has no field in messages", field=f"drag of body '{body.name}'", value=body.drag
-        )
     state, C, *_ = at_origin(
         writable(belief.mean[b]), writable(belief.marginal(b)), writable(body.model.origin)
     )
@@ -312,6 +307,7 @@ def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str
         scale=scale_of(body.model, model_info(body.model.name), field),
         mass=float(body.mass),
         material=write_material(body),
+        drag=body.drag,
         at_rest=body.at_rest,
         pose=pose_message(state[POSITION], state[QUATERNION]),
     )
@@ -443,7 +439,7 @@ def _in_message(field, places):
         place, name = f"scene.environment.elements[{found[1]}]", found[2]
     else:
         return f"physics.{field}" if field in PHYSICS_KEYS else field
-    return f"{place}.material.{name}" if name in MATERIAL_FIELDS else f"{place}.{name}"
+    return f"{place}.material.{MATERIAL_FIELDS[name]}" if name in MATERIAL_FIELDS else f"{place}.{name}"
 
 
 @functools.lru_cache(maxsize=1024)
@@ -511,8 +507,9 @@ def _body(message, place, library, covariance_defaults, max_spheres, wait, spher
     stds = _EXACT if kinematic else _stds(message.belief, f"{field}.belief", mass)
     material = read_material(message.material, f"{field}.material")
     inertia = _inertia(message, f"{field}.inertia")
-    surface = material + read_actions(actions)
-    body = message.id, model, mass, fixed, *stds, bool(message.at_rest), inertia, path, surface
+    drag = (("drag", message.drag),) if message.drag else ()
+    named = material + drag + read_actions(actions)
+    body = message.id, model, mass, fixed, *stds, bool(message.at_rest), inertia, path, named
     if path is not None:
         return body, path.states[0], np.zeros((ERROR, ERROR)), False
     state = moved(_state(message, field, fixed), origin, -1.0)
