@@ -63,6 +63,7 @@ setup(
     ],
     install_requires=["numba>=0.60,<0.69", "numpy>=1.26", "pyyaml>=6", "tqdm>=4.60"],
     extras_require={
+        "association": ["scipy"],
         "calibration": ["matplotlib>=3.7", "scipy>=1.14"],
         "completion": ["argcomplete>=3"],
         "descriptions": DESCRIPTIONS,

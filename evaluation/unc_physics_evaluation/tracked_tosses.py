@@ -44,6 +44,8 @@ AHEAD = 0.2
 OUTLIERS, FAR_OFF = 0.1, 0.5
 #: Errors of the shape that a prediction without a tracker is given [m], [rad].
 SHAPE = ContactNoise().shape_position, ContactNoise().shape_rotation
+#: The table, as `calibrate` fitted it.
+TABLE = Plane(offset=-8e-4, name="table")
 #: A gap in the measurements begins with the first contact, and lasts so long [s].
 GAP = 0.2
 
@@ -54,7 +56,7 @@ def tracked_scene(tosses: Tosses) -> Scene:
         tosses,
         bodies=[cube(0.0518, 5e-3, 1.35)],
         gravity=(0.0, 0.0, -9.61),
-        environment=[Plane(offset=-8e-4, name="table")],
+        environment=[TABLE],
         friction=0.23,
         restitution=0.244,
         impact_friction_speed=2.2,

@@ -4,6 +4,7 @@ import ast
 import re
 import sys
 import zipfile
+from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -57,6 +58,16 @@ def test_all_files_name_the_same_dependencies():
     (numba,) = (one for one in needed if one.startswith("numba"))
     for file in ("Dockerfile", "docs/how-to/install.md"):
         assert f'"{numba}"' in (ROOT / file).read_text(), file
+
+
+def test_ros_installs_what_the_node_needs():
+    setup = (ROOT / "setup.py").read_text()
+    needed = re.findall(r"install_requires=(\[.*?\])", setup) + re.findall(r'"association": (\[.*?\])', setup)
+    names = {re.split("[<>=]", one)[0] for text in needed for one in ast.literal_eval(text)}
+    keys = {"python3-" + name.replace("pyyaml", "yaml") for name in names}
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    found = {one.text for one in package.iter("exec_depend") if (one.text or "").startswith("python3-")}
+    assert found == keys
 
 
 def test_notes_are_the_changelogs_section():

@@ -17,6 +17,7 @@ from ..results import Results, Rows
 from ..tables import number, table
 from ..tracked_tosses import (
     NOISE,
+    TABLE,
     FilterFollower,
     Frames,
     Score,
@@ -140,7 +141,7 @@ def _still_frames(seconds, seed, lift_at=None):
     """Frames of a cube that rests on the table, and that a hand lifts at some time."""
     scene = tracked_scene(recorded_tosses())
     times = np.arange(0.0, seconds, 1.0 / 30.0)
-    height = scene.environment[0].offset + float(scene.bodies[0].model.bounds[1, 2])
+    height = TABLE.offset + float(scene.bodies[0].model.bounds[1, 2])
     truth = np.zeros((len(times), 13))
     truth[:, 2], truth[:, QUATERNION] = height, [0.0, 0.0, 0.0, 1.0]
     if lift_at is not None:
