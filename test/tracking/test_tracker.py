@@ -227,6 +227,34 @@ def test_a_hand_is_followed_and_let_go():
     assert errors[120] < 2e-3
 
 
+def test_a_carried_body_that_is_no_longer_seen_is_lost_and_found():
+    scene, rng = table_scene(), np.random.default_rng(17)
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+    for k in range(1, 76):  # lifted for a second, then lowered, then hidden
+        t = k / RATE
+        z = SIDE / 2 + 0.4 * min(max(t - 1.0, 0.0), 1.0) - 0.4 * max(t - 2.0, 0.0)
+        report = tracker.correct(t, {"box0": measured(pose([0.0, 0.0, z]), rng)})
+    assert report.status["box0"] is TrackStatus.CARRIED
+    hidden = tracker.fork()
+    hidden.predict(2.7)
+    assert hidden.status("box0") is TrackStatus.CARRIED
+    assert hidden.belief().mean[0, 2] == pytest.approx(z - 0.4 * 0.2, abs=0.03)
+    hidden.predict(3.2)
+    assert hidden.status("box0") is TrackStatus.LOST
+    hidden.predict(6.0)  # at its last velocity it would be a metre below the table
+    assert hidden.status("box0") is TrackStatus.LOST
+    belief = hidden.belief()
+    assert belief.mean[0, 2] == pytest.approx(z - 0.4 * 0.25, abs=0.05)
+    assert belief.marginal(0)[0, 0] > 0.5**2
+    again = pose([0.3, 0.2, SIDE / 2])
+    for k in range(1, 31):
+        report = hidden.correct(6.0 + k / RATE, {"box0": measured(again, rng)})
+        if k == 5:
+            assert report.status["box0"] is not TrackStatus.LOST
+    assert report.status["box0"] is TrackStatus.RESTING
+    assert np.linalg.norm(hidden.belief().mean[0, :3] - again[:3]) < 3e-3
+
+
 def test_single_outliers_are_rejected_and_a_moved_body_is_found_again():
     scene, rng = table_scene(), np.random.default_rng(8)
     tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))

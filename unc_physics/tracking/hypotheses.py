@@ -36,6 +36,8 @@ UNKNOWN_VELOCITY, UNKNOWN_SPIN = 2.0, 15.0
 CARRIED_AT, FREE_AT = 25.0, 30.0
 #: Least logarithm of a density of six dimensions: no single measurement decides.
 _FLOOR = -7.0
+#: After how long without measurements a body is coasting [s].
+COASTING_AFTER = 0.25
 #: Measurements that agree with each other after all others rejected them: the body has been moved.
 _AGREEING = 3
 
@@ -165,6 +167,19 @@ class Track(NamedTuple):
         if self.mode is TrackMode.STARTING:
             return track._replace(first=track.first or free)
         return track._weighed(physics.density, alone.density, len(observation.noise))
+
+    def answer(self, time: float) -> Filter:
+        """Return the filter's belief at a time [s].
+
+        No hand goes on in a straight line for ever: without measurements the mean of a carried body stops,
+        while the covariance grows as before.
+        """
+        free, stop = self.free.at(time), self.last_seen + COASTING_AFTER
+        if self.mode is not TrackMode.CARRIED or time <= stop:
+            return free
+        mean = self.free.at(stop).mean
+        mean[VELOCITY] = mean[ANGULAR_VELOCITY] = 0.0
+        return free._replace(mean=mean)
 
     def _weighed(self, physics, alone, rows):
         """The track whose evidence has grown by two logarithms of densities."""

@@ -41,7 +41,7 @@ from ..spatial.layout import (
 )
 from ..spatial.moments import mean_and_errors, second_moment, spread_states, symmetric_root
 from .ensemble import BodyObservation, Gates, corrected
-from .hypotheses import Filter, Track, TrackMode
+from .hypotheses import COASTING_AFTER, Filter, Track, TrackMode
 from .measurements import Measurement, PoseMeasurement, PositionMeasurement
 from .measurements import RelativePoseMeasurement as Relative
 from .noise import ContactNoise, add_contact_noise, whitened, whitened_draws
@@ -53,8 +53,6 @@ from .symmetry import NONE, AxialSymmetry, checked_symmetries, folded
 _PIECE = 1.0 / 30.0
 #: Of velocities at a start, beside what the first measurements say [m/s], [rad/s].
 _START_VELOCITY, _START_SPIN = 0.3, 3.0
-#: After how long without measurements a body is coasting [s].
-_COASTING_AFTER = 0.25
 #: Share of the members that sleep, of a body at rest.
 _RESTING_SHARE = 0.9
 #: Measurements rejected in a row, and standard deviation of the position [m], of a lost body.
@@ -633,7 +631,7 @@ class Tracker:
             if track.mode is not TrackMode.PHYSICS:
                 if states is state.carry.states:
                     states = states.copy()
-                free = track.free.at(time)
+                free = track.answer(time)
                 root = symmetric_root(free.covariance)
                 states[:, body] = whitened_draws(free.mean, root, len(states), rng)[:, 0]
         return states
@@ -648,7 +646,7 @@ class Tracker:
         delay = self._delay(state, time)
         for body, track in zip(self._scene.moving, state.tracks, strict=True):
             if track.mode is not TrackMode.PHYSICS:
-                mean[body] = track.free.at(time).mean
+                mean[body] = track.answer(time).mean
             elif delay:
                 mean[body] = constant_velocity(mean[body].copy(), np.zeros((ERROR, ERROR)), delay, 0.0, 0.0)[
                     0
@@ -669,7 +667,7 @@ class Tracker:
                 )
             else:
                 P[own], P[:, own] = 0.0, 0.0
-                P[own, own] = track.free.at(time).covariance
+                P[own, own] = track.answer(time).covariance
         return Belief.trusted(self._completed_mean(state, mean, time), P, moving)
 
     def _statuses(self, state, time):
@@ -677,7 +675,10 @@ class Tracker:
         scene, found = self._scene, {}
         resting = histories.asleep(state.carry.contact_history, scene.world).mean(axis=0)
         for body, track in zip(scene.moving, state.tracks, strict=True):
-            spread = float(state.carry.states[:, body, :3].std(axis=0).max())
+            if track.mode is TrackMode.CARRIED:
+                spread = float(np.sqrt(track.answer(time).covariance.diagonal()[ERR_POSITION].max()))
+            else:
+                spread = float(state.carry.states[:, body, :3].std(axis=0).max())
             if track.mode is TrackMode.STARTING:
                 status = TrackStatus.STARTING
             elif track.rejected >= _LOST_AFTER or spread > _LOST_STD:
@@ -686,7 +687,7 @@ class Tracker:
                 status = TrackStatus.CARRIED
             elif resting[body] >= _RESTING_SHARE:
                 status = TrackStatus.RESTING
-            elif time - track.last_seen > _COASTING_AFTER:
+            elif time - track.last_seen > COASTING_AFTER:
                 status = TrackStatus.COASTING
             else:
                 status = TrackStatus.TRACKED
