@@ -353,6 +353,27 @@ class MuJoCoRollouts:
         self.advance(steps)
         return self.state()
 
+    def run_all(self, states, steps):
+        """The states (N, B, 13) after ``steps`` steps from each of ``states``, all in one call."""
+        from mujoco import rollout
+
+        nq, count, turned = self._model.nq, len(states), []
+        packed = np.zeros((count, 1 + nq + self._model.nv))  # time, places, velocities
+        for k, body in enumerate(self._bodies):
+            x, q, v = states[:, k], 1 + 7 * k, 1 + nq + 6 * k
+            rotation = Rotation.from_quat(x[:, QUATERNION]) * body.axes
+            packed[:, q : q + 3], packed[:, v : v + 3] = x[:, POSITION], x[:, VELOCITY]
+            packed[:, q + 3 : q + 7] = rotation.as_quat()[:, [3, 0, 1, 2]]
+            packed[:, v + 3 : v + 6] = rotation.inv().apply(x[:, ANGULAR_VELOCITY])
+        after = rollout.rollout(self._model, self._data, packed, nstep=steps)[0][:, -1]
+        for k, body in enumerate(self._bodies):
+            q, v = 1 + 7 * k, 1 + nq + 6 * k
+            rotation = Rotation.from_quat(after[:, [q + 4, q + 5, q + 6, q + 3]])
+            spin = rotation.apply(after[:, v + 3 : v + 6])
+            parts = after[:, q : q + 3], after[:, v : v + 3], (rotation * body.axes.inv()).as_quat(), spin
+            turned.append(np.concatenate(parts, axis=1))
+        return np.stack(turned, axis=1)
+
     def close(self):
         """Leave the engine; nothing to do."""
 

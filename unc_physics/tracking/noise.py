@@ -87,11 +87,42 @@ def add_contact_noise(
     share : (B,) array
         Share of the members in which each body was in contact.
     """
-    states, moving, world = carry.states, scene.moving, scene.world
+    if not len(scene.moving):
+        return carry, np.zeros(carry.states.shape[1])
+    resting = asleep(carry.contact_history, scene.world)
+    rng = np.random.default_rng((seed, carry.step))
+    return carry, disturb_contacts(before, carry.states, resting, scene, steps, noise, rng)
+
+
+def disturb_contacts(
+    before: np.ndarray,
+    states: np.ndarray,
+    resting: np.ndarray,
+    scene: Scene,
+    steps: int,
+    noise: ContactNoise,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Add contact noise in place to states (N, B, 13) that were ``before`` so many steps ago.
+
+    Parameters
+    ----------
+    before, states : (N, B, 13) arrays
+    resting : (N, B) bool array
+        Bodies that have the random walk instead.
+    scene : Scene
+    steps : int
+    noise : ContactNoise
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    (B,) array
+        Share of the members in which each body was in contact.
+    """
+    moving, world = scene.moving, scene.world
     h, decay = steps * world.dt, world.decay
     share = np.zeros(states.shape[1])
-    if not len(moving):
-        return carry, share
     kept = decay**steps
     fall = h if decay == 1.0 else world.dt * (1.0 - kept) / (1.0 - decay)
     velocity = states[:, moving, VELOCITY]
@@ -105,15 +136,14 @@ def add_contact_noise(
     touching = impulse > max(_LEAST_SHARE * weight, _LEAST_IMPULSE)
     share[moving] = touching.mean(axis=0)
     if not touching.any():
-        return carry, share
+        return share
     radius = world.bodies.radius[moving]
     omega = states[:, moving, ANGULAR_VELOCITY]
     speed = np.linalg.norm(velocity, axis=2) + radius * np.linalg.norm(omega, axis=2)
     slip = np.minimum(1.0, (speed / noise.slow) ** 2) if noise.slow > 0.0 else 1.0
     impulse = impulse - (1.0 - noise.lasting) * np.minimum(impulse, weight)
     std = noise.velocity * np.sqrt(np.where(touching, impulse * slip, 0.0))
-    resting = asleep(carry.contact_history, world)[:, moving]
-    rng = np.random.default_rng((seed, carry.step))
+    resting = resting[:, moving]
     draws = rng.standard_normal((len(states), len(moving), 6))
     std = np.where(resting, 0.0, std)[..., None]
     kick, spin = std * draws[..., :3], std * noise.rotation / (_WITHIN * radius[:, None]) * draws[..., 3:]
@@ -129,7 +159,7 @@ def add_contact_noise(
         turn = np.where(resting[..., None], noise.turn * root * about, turn)
     states[:, moving, POSITION] += shift
     states[:, moving, QUATERNION] = _turned(states[:, moving, QUATERNION], turn)
-    return carry, share
+    return share
 
 
 def _turned(q, turn):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import numpy as np
 
 from unc_physics.calibration.flight import fit_start
@@ -12,6 +14,7 @@ from unc_physics.spatial.layout import ERR_POSITION, POSITION, QUATERNION, VELOC
 from unc_physics.tracking.measurements import PoseMeasurement
 
 from ..jobs import Job, Outcome, Row, Settings
+from ..particle_filter import ParticleFollower
 from ..recorded_tosses import recorded_tosses
 from ..results import Results, Rows
 from ..tables import number, table
@@ -34,6 +37,8 @@ TRACKER, FILTER, PREDICTED, LEAST_SQUARES = (
     "constant_velocity_predict",
     "least_squares",
 )
+#: Numbers of rollouts of particle filters.
+PARTICLES = {"particle_filter_200": 200, "particle_filter_1000": 1000}
 FULL, QUICK = 80, 8  # tosses
 _A_JOB = 20
 #: Conditions and rates [Hz].
@@ -63,11 +68,24 @@ def jobs(settings: Settings) -> list[Job]:
             add(_COST[rate] * part["tosses"], by=TRACKER, condition=condition, rate=rate, **part)
         for method in (FILTER, PREDICTED):
             add(0.5 * part["tosses"], by=method, condition="plain", rate=30.0, **part)
+        if _has_mujoco():
+            for method, particles in PARTICLES.items():
+                cost = 0.006 * particles * part["tosses"]
+                add(cost, by=method, condition="plain", rate=30.0, **part)
         add(part["tosses"], by=TRACKER, condition=LATER, rate=148.0, **part)
     runs = 4 if settings.quick else _RUNS
     for condition in (REST, HAND):
         add(runs, by=TRACKER, condition=condition, rate=30.0, first=0, tosses=runs)
     return found
+
+
+def missing(settings: Settings) -> list[str]:
+    """The particle filters, without their engine."""
+    return [] if _has_mujoco() else ["tracking by particle filters in MuJoCo: pip install mujoco"]
+
+
+def _has_mujoco():
+    return find_spec("mujoco") is not None
 
 
 def run(job: Job) -> Outcome:
@@ -94,6 +112,8 @@ def _toss(k, method, condition, rate, seed):
     frames = frames_of(recorded_tosses(), k, rate, condition, seed)
     if method == TRACKER:
         follower = TrackerFollower(scene, frames, seed)
+    elif method in PARTICLES:
+        follower = ParticleFollower(scene, frames, seed, PARTICLES[method])
     else:
         follower = FilterFollower(scene, frames, seed, physics=method == PREDICTED)
     # the first pose says nothing of velocities; the next one begins
@@ -141,7 +161,8 @@ def _still_frames(seconds, seed, lift_at=None):
     """Frames of a cube that rests on the table, and that a hand lifts at some time."""
     scene = tracked_scene(recorded_tosses())
     times = np.arange(0.0, seconds, 1.0 / 30.0)
-    height = TABLE.offset + float(scene.bodies[0].model.bounds[1, 2])
+    model = scene.bodies[0].model
+    height = TABLE.offset + float((model.centers[:, 2] + model.radii).max())
     truth = np.zeros((len(times), 13))
     truth[:, 2], truth[:, QUATERNION] = height, [0.0, 0.0, 0.0, 1.0]
     if lift_at is not None:
@@ -240,14 +261,15 @@ _COLUMNS = (
 def report(results: Results) -> str:
     """Tables of consistency, accuracy and predictions."""
     rows, lines = results.rows("tracking"), []
-    for method in (FILTER, PREDICTED, TRACKER):
+    for method in (FILTER, PREDICTED, *PARTICLES, TRACKER):
         for condition, rate in CONDITIONS:
             some = rows.where(method=method, condition=condition, rate=rate)
             for phase in (FLIGHT, CONTACT):
                 cells = [_mean(some.where(quantity=f"{name} {phase}")) * scale for _, name, scale in _COLUMNS]
                 if some and np.isfinite(cells[0]):
                     lines.append([f"{method}, {rate:.0f} Hz, {condition}, {phase}", *map(number, cells)])
-    parts = [table(["", *(title for title, *_ in _COLUMNS)], lines)]
+    head = ["follower, rate, condition, phase", *(title for title, *_ in _COLUMNS)]
+    parts = [results.table("tracking", head, lines)]
     parts.append("NEES: the mean squared error over its variance; 1 is right.\n")
     parts.append(table(["", "value"], [[words, value] for words, value in _single(rows)]))
     return "\n".join(parts)
@@ -263,6 +285,9 @@ def _mean(rows: Rows) -> float:
 
 def _single(rows):
     """Figures of their own, in words."""
+    for method in (FILTER, *PARTICLES, TRACKER):
+        times = rows.where(method=method, condition="plain", rate=30.0, quantity=f"seconds {CONTACT}")
+        yield f"CPU time of a correction after contact by {method}, ms", number(1e3 * _mean(times))
     plain = rows.where(method=TRACKER, condition="plain")
     outliers = rows.where(method=TRACKER, condition="outliers")
     later = rows.where(condition=LATER)
