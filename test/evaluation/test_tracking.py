@@ -61,6 +61,10 @@ def test_an_experiment_tracks_tosses(tmp_path):
     report = experiment.report(results)
     assert "tracker, 30 Hz, plain, after contact" in report
     assert "constant_velocity_predict, 30 Hz" in report
+    if experiment.missing(Settings()) == []:
+        beside = (tmp_path / "tables" / "tracking_particles.csv").read_text()
+        assert '"particle_filter_1000, after contact"' in beside
+        assert '"tracker, after contact"' in beside
     assert "a hand takes it" in report
     assert "within 20 % of 1" in experiment.verdict(results)
     assert results.missing(jobs)[0].parameters["by"] == experiment.TRACKER

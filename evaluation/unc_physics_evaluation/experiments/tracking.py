@@ -37,9 +37,9 @@ TRACKER, FILTER, PREDICTED, LEAST_SQUARES = (
     "constant_velocity_predict",
     "least_squares",
 )
-#: Numbers of rollouts of particle filters.
-PARTICLES = {"particle_filter_200": 200, "particle_filter_1000": 1000}
-FULL, QUICK = 80, 8  # tosses
+#: Numbers of rollouts of particle filters, and the rate [Hz] at which they follow.
+PARTICLES, PARTICLE_RATE = {"particle_filter_200": 200, "particle_filter_1000": 1000}, 30.0
+FULL, QUICK, FOR_PARTICLES = 80, 8, 40  # tosses
 _A_JOB = 20
 #: Conditions and rates [Hz].
 CONDITIONS = (("plain", 148.0), ("plain", 30.0), ("plain", 10.0), ("gap", 30.0), ("outliers", 30.0))
@@ -68,10 +68,10 @@ def jobs(settings: Settings) -> list[Job]:
             add(_COST[rate] * part["tosses"], by=TRACKER, condition=condition, rate=rate, **part)
         for method in (FILTER, PREDICTED):
             add(0.5 * part["tosses"], by=method, condition="plain", rate=30.0, **part)
-        if _has_mujoco():
+        if first < FOR_PARTICLES and _has_mujoco():
             for method, particles in PARTICLES.items():
                 cost = 0.006 * particles * part["tosses"]
-                add(cost, by=method, condition="plain", rate=30.0, **part)
+                add(cost, by=method, condition="plain", rate=PARTICLE_RATE, **part)
         add(part["tosses"], by=TRACKER, condition=LATER, rate=148.0, **part)
     runs = 4 if settings.quick else _RUNS
     for condition in (REST, HAND):
@@ -256,23 +256,43 @@ _COLUMNS = (
     ("in 90 % region of position, %", "ahead_inside_position", 100.0),
     ("of rotation, %", "ahead_inside_rotation", 100.0),
 )
+_TIME = "CPU time of a correction, ms", "seconds", 1e3
 
 
 def report(results: Results) -> str:
     """Tables of consistency, accuracy and predictions."""
     rows, lines = results.rows("tracking"), []
-    for method in (FILTER, PREDICTED, *PARTICLES, TRACKER):
+    for method in (FILTER, PREDICTED, TRACKER):
         for condition, rate in CONDITIONS:
             some = rows.where(method=method, condition=condition, rate=rate)
             for phase in (FLIGHT, CONTACT):
-                cells = [_mean(some.where(quantity=f"{name} {phase}")) * scale for _, name, scale in _COLUMNS]
+                cells = _cells(some, phase, _COLUMNS)
                 if some and np.isfinite(cells[0]):
                     lines.append([f"{method}, {rate:.0f} Hz, {condition}, {phase}", *map(number, cells)])
     head = ["follower, rate, condition, phase", *(title for title, *_ in _COLUMNS)]
     parts = [results.table("tracking", head, lines)]
     parts.append("NEES: the mean squared error over its variance; 1 is right.\n")
+    parts.append(_beside_particles(results))
     parts.append(table(["", "value"], [[words, value] for words, value in _single(rows)]))
     return "\n".join(parts)
+
+
+def _beside_particles(results):
+    """All methods on the tosses that the particle filters followed."""
+    rows, lines = results.rows("tracking").where(condition="plain", rate=PARTICLE_RATE), []
+    tosses = {row["replicate"] for row in rows if row["method"] in PARTICLES}
+    for method in (FILTER, PREDICTED, *PARTICLES, TRACKER):
+        some = Rows([row for row in rows.where(method=method) if row["replicate"] in tosses])
+        for phase in (FLIGHT, CONTACT):
+            cells = _cells(some, phase, (*_COLUMNS, _TIME))
+            if some and np.isfinite(cells[0]):
+                lines.append([f"{method}, {phase}", *map(number, cells)])
+    head = ["follower, phase", *(title for title, *_ in (*_COLUMNS, _TIME))]
+    return results.table("tracking_particles", head, lines)
+
+
+def _cells(rows, phase, columns):
+    return [_mean(rows.where(quantity=f"{name} {phase}")) * scale for _, name, scale in columns]
 
 
 def _mean(rows: Rows) -> float:
@@ -285,9 +305,6 @@ def _mean(rows: Rows) -> float:
 
 def _single(rows):
     """Figures of their own, in words."""
-    for method in (FILTER, *PARTICLES, TRACKER):
-        times = rows.where(method=method, condition="plain", rate=30.0, quantity=f"seconds {CONTACT}")
-        yield f"CPU time of a correction after contact by {method}, ms", number(1e3 * _mean(times))
     plain = rows.where(method=TRACKER, condition="plain")
     outliers = rows.where(method=TRACKER, condition="outliers")
     later = rows.where(condition=LATER)
