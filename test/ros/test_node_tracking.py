@@ -467,6 +467,7 @@ def test_diagnostics_count_observations(camera, listener):
             camera.see(*sent[k])
         values = {}
         while values.get("late observations", "0") == "0":
-            (status,) = [own for own in inbox.next().status if own.name == "tracker: tracking"]
-            values = {pair.key: pair.value for pair in status.values}
+            for status in inbox.next().status:  # other nodes tell theirs on this topic, too
+                if status.name == "tracker: tracking":
+                    values = {pair.key: pair.value for pair in status.values}
     assert values["objects"] == "1" and int(values["duplicate observations"]) >= 1

@@ -99,12 +99,12 @@ class Processors:
     """
 
     def __init__(self, together, each):
-        self._advance, self._each, self._lock = rollout.advance, each, threading.Lock()
+        self._record, self._each, self._lock = rollout.record, each, threading.Lock()
         self._barrier = threading.Barrier(together, timeout=30.0)
         self._begun, self._running = [], 0
         self.most = 0
 
-    def __call__(self, states, history, world, begin, steps):
+    def __call__(self, states, history, world, *where):
         with self._lock:
             self._running += 1
             self.most = max(self.most, self._running)
@@ -112,7 +112,7 @@ class Processors:
             self._begun.append(world.dt)
         if first:
             self._barrier.wait()
-        self._advance(states, history, world, begin, steps)
+        self._record(states, history, world, *where)
         with self._lock:
             self._running -= 1
 
@@ -124,7 +124,7 @@ def test_a_request_has_two_threads_alone_and_two_requests_have_one_each(robot, c
         for dt in (0.004, 0.005)
     ]
     for asked in (requests[:1], requests):
-        monkeypatch.setattr(rollout, "advance", processors := Processors(2, each=len(asked) == 2))
+        monkeypatch.setattr(rollout, "record", processors := Processors(2, each=len(asked) == 2))
         waiting = [
             client.start(Predict, "/robot_1/unc_physics/predict", Predict.Request(request=request))
             for request in asked
