@@ -36,6 +36,9 @@ def push_predictions(
 ) -> Iterator[dict[str, np.ndarray]]:
     """For each push states (n, 13) of the block at its end, by method.
 
+    Predictions by physics have the spread of repeated pushes added, as those of tosses have the errors of the
+    recording. It was measured between pushes by the same command, and is no parameter of the block.
+
     Parameters
     ----------
     folder : Path
@@ -45,7 +48,7 @@ def push_predictions(
     by : str
         Ours, an engine, or the outcomes of others.
     calibrated : bool
-        Whether frictions are those that were measured, with their errors and those of repeated pushes.
+        Whether frictions are those that were measured, with their errors.
     seed : int
     """
     moves = np.array([_move(k, folder) for k in every]) if by == MARGINAL else np.empty((0, 3))
@@ -62,9 +65,8 @@ def push_predictions(
             places = planar(prediction.samples()[:, 0])
         else:
             places = np.array(list(_in_engine(by, k, calibrated, folder, rng)))
-        if calibrated:
-            places = places + REPEATS_STD * rng.standard_normal(places.shape)
-        yield {by: _states(places)}
+            places = places[np.arange(SAMPLES) % len(places)]
+        yield {by: _states(places + REPEATS_STD * rng.standard_normal(places.shape))}
 
 
 def push_outcomes(folder: Path, tests: Sequence[int]) -> list[np.ndarray]:

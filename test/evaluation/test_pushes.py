@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from unc_physics_evaluation.methods import MARGINAL, STILL
 from unc_physics_evaluation.push_predictions import push_outcomes, push_predictions
 from unc_physics_evaluation.recorded_pushes import (
     FOLDER,
     PATCH,
+    REPEATS_STD,
     block,
     feet_of,
     measured_frictions,
@@ -62,6 +64,16 @@ def test_predictions_are_states_of_what_planar_reads():
     (without,) = push_predictions(FOLDER, [k], [k, k + 1, k + 2], MARGINAL, False, 0)
     assert without[MARGINAL].shape == (2, 13)
     np.testing.assert_allclose(planar(without[STILL]), planar_before(k)[None])
+
+
+def test_engines_with_one_outcome_have_the_spread_of_repeated_pushes():
+    pytest.importorskip("mujoco")
+    k = int(np.flatnonzero(recorded_pushes().kind == 0)[0])
+    (found,) = push_predictions(FOLDER, [k], [k], "mujoco", False, 0)
+    places = planar(found["mujoco"])
+    low, high = np.sqrt(chi2.ppf([1e-4, 1.0 - 1e-4], len(places) - 1) / (len(places) - 1))
+    ratio = places.std(axis=0, ddof=1) / REPEATS_STD
+    assert (low < ratio).all() and (ratio < high).all()
 
 
 def test_a_pusher_ends_at_the_edge():
