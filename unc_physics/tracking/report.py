@@ -17,7 +17,7 @@ class TrackStatus(str, Enum):
     TRACKED
         Physics explains the measurements.
     COASTING
-        Not seen for a while; physics goes on.
+        Not seen for 0.25 s; physics goes on.
     RESTING
         Asleep on something, whether it is seen or not.
     CARRIED
