@@ -209,7 +209,8 @@ def test_a_rare_fall_is_flagged_or_simulated():
         spread = math.sqrt(
             np.trace(predict(scene, belief, make_propagator("auto", seed=seed), 0.6).belief.blocks[0][:3, :3])
         )
-        assert cloud.measures["rare_outcomes"] > 1.4 or cloud.measures["spread_error"] > 0.25
+        assert cloud.flags
+        assert cloud.measures["rare_outcomes"] > 1.4 or cloud.measures["spread_error"] > 0.1
         assert expected / 1.8 < spread < 1.8 * expected
     scene, belief, std = on_edge(7.0)
     for name in ("cloud", "auto"):

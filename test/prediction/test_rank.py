@@ -299,3 +299,9 @@ def test_the_time_runs_out():
             progress=lambda done, _: time.sleep(limit if done else 0.0),
         )
     assert caught.value.prediction.best.name == "middle" and caught.value.prediction.rollouts == 60
+
+
+@pytest.mark.parametrize("combine", [lambda a, b: a and b, lambda a, b: a or b, lambda a, b: not a])
+def test_events_are_not_combined_by_words(combine):
+    with pytest.raises(TypeError, match="combine events by &"):
+        combine(Upright("box"), Touches("box", "floor"))

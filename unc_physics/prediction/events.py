@@ -144,6 +144,10 @@ class Event(ABC):
         instance(other, Event, "what is combined with |")
         return _Either(self, other)
 
+    def __bool__(self) -> bool:
+        """Refuse ``and``, ``or`` and ``not``, which would take one of two events without a word."""
+        raise TypeError("an event is neither true nor false; combine events by &, | and ~")
+
     def __invert__(self) -> Event:
         return _Not(self)
 
