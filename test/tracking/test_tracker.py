@@ -630,3 +630,31 @@ def test_the_air_is_no_contact():
         tracker.predict(0.3)
     assert plain.belief().mean[0, 5] > -4.1
     assert np.array_equal(plain.samples(), noisy.samples())
+
+
+def test_bodies_at_rest_touch_what_they_rest_on():
+    can = load_model("can")
+    foot = -float(can.bounds[0, 2])
+    bodies = [RigidBody("can", can, 0.3), RigidBody("lower", box(), 0.3), RigidBody("upper", box(), 0.3)]
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane(name="table")])
+    known = {
+        "can": {"position": [0.4, 0.0, foot]},
+        "lower": {"position": RESTING[:3]},
+        "upper": {"position": [0.0, 0.0, 1.5 * SIDE]},
+    }
+    tracker = Tracker(scene, belief_of(scene, **known), time=100.0)
+    tracker.predict(102.0)
+    for body in scene.bodies:
+        assert tracker.status(body.name) is TrackStatus.RESTING
+    prediction = tracker.ahead([0.3])
+    pairs = (
+        (("can", "table"), 1.0),
+        (("lower", "table"), 1.0),
+        (("lower", "upper"), 1.0),
+        (("upper", "table"), 0.0),
+        (("can", "lower"), 0.0),
+    )
+    for names, expected in pairs:
+        assert prediction.probability(Touches(*names)).estimate == expected
+    for names in (("can", "table"), ("upper", "lower")):
+        assert prediction.contact_time(Touches(*names)).mean == pytest.approx(0.0, abs=scene.dt)

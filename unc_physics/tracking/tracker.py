@@ -287,9 +287,8 @@ class Tracker:
         started = clock()
         marks = marks_of(self._scene, None, times)
         state = self._state_at(self._time)
-        history = state.carry.contact_history
-        untouched = history._replace(first_time=np.full_like(history.first_time, np.inf))
-        state = state._replace(carry=state.carry._replace(contact_history=untouched))
+        history = _touching_support(state.carry.contact_history, self._scene.world, self._time - self._origin)
+        state = state._replace(carry=state.carry._replace(contact_history=history))
         now = self._answer(state, self._time)
         snapshots = []
         for mark in marks:
@@ -777,6 +776,23 @@ def _check_tracked(scene, propagator):
             raise NotSupportedError("cannot be uncertain in a tracker", field=f"{parameter.name}")
     if scene.overlap == "reject":
         raise NotSupportedError("must be 'project' or 'keep' in a tracker", field="overlap", value="reject")
+
+
+def _touching_support(history, world, time):
+    """The history in which nothing has touched yet, but sleeping bodies touch at a time what they rest on.
+
+    No step looks for the contacts of bodies that sleep; those of awake ones appear in the next step.
+    """
+    first = np.full_like(history.first_time, np.inf)
+    if history.solver is not None:
+        bodies, memory = first.shape[1], history.solver
+        still = histories.asleep(history, world) | ~np.asarray(world.bodies.moving, bool)
+        n, k = np.nonzero(np.arange(memory.contact.shape[1]) < memory.count[:, None])
+        i, j = memory.contact[n, k, 0], memory.contact[n, k, 1]
+        rests = still[n, i] & ((j < 0) | still[n, np.maximum(j, 0)])
+        low, high = np.where(j < 0, i, np.minimum(i, j)), np.where(j < 0, bodies - 1 - j, np.maximum(i, j))
+        first[n[rests], low[rests], high[rests]] = time
+    return history._replace(first_time=first)
 
 
 def _begun_anew(history, body, kept=None):
