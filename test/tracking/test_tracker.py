@@ -462,6 +462,8 @@ def test_relative_poses_are_measurements():
         (lambda t: t.correct(0.1, {"box0": 3.0}), "PoseMeasurement"),
         (lambda t: t.predict(-1.0), "time"),
         (lambda t: t.belief(-1.0), "window"),
+        (lambda t: t.ahead(-0.5), r"times\[0\].*-0\.5"),
+        (lambda t: t.ahead("soon"), "times"),
         (lambda t: t.remove("cup"), "cup"),
         (lambda t: t.correct(0.1, {"box0": RelativePoseMeasurement("box0", RESTING, NOISE)}), "another body"),
         (lambda t: PoseMeasurement(RESTING, np.zeros(6)), "positive"),
@@ -658,3 +660,43 @@ def test_bodies_at_rest_touch_what_they_rest_on():
         assert prediction.probability(Touches(*names)).estimate == expected
     for names in (("can", "table"), ("upper", "lower")):
         assert prediction.contact_time(Touches(*names)).mean == pytest.approx(0.0, abs=scene.dt)
+
+
+@pytest.mark.parametrize("gap", [1.0 / RATE, 0.2])
+def test_every_pose_without_an_effect_is_reported_as_rejected(gap):
+    can = load_model("can")
+    foot = -float(can.bounds[0, 2])
+    scene = Scene.everyday([RigidBody("can", can, 0.3)], exact=True, environment=[Plane(name="table")])
+    tracker, rng = (
+        Tracker(scene, belief_of(scene, can={"position": [0.0, 0.0, foot]})),
+        np.random.default_rng(0),
+    )
+    for k in range(1, 61):
+        tracker.correct(k / RATE, {"can": measured(pose([0.0, 0.0, foot]), rng)})
+    without, listed = [], []
+    for time in 2.0 + gap + np.arange(8) / RATE:
+        unseen = tracker.fork()
+        unseen.predict(time)
+        report = tracker.correct(time, {"can": measured(pose([0.14, 0.0, foot]), rng)})
+        without.append(np.array_equal(tracker.belief().mean, unseen.belief().mean))
+        listed.append(report.rejected == ("can",))
+    assert listed == without
+    assert 2 <= sum(without) <= 4
+    assert report.distance["can"] < 5.0
+
+
+def test_one_time_ahead_may_be_a_number():
+    tracker = Tracker(table_scene(), belief_of(table_scene(), box0={"position": [0.0, 0.0, 1.0]}))
+    one, several = tracker.ahead(0.25), tracker.ahead([0.25])
+    assert np.array_equal(one.belief.mean, several.belief.mean)
+    assert one.belief.mean[0, 2] == pytest.approx(1.0 - 0.5 * 9.81 * 0.25**2, abs=2e-3)
+
+
+def test_a_pose_from_before_the_window_is_too_late():
+    scene = table_scene()
+    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+    tracker.predict(0.1)
+    before = tracker.samples()
+    report = tracker.correct(-3.0, {"box0": PoseMeasurement(RESTING, NOISE)})
+    assert report.too_late
+    assert np.array_equal(tracker.samples(), before)

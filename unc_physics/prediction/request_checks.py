@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -87,8 +87,10 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
         raise NotSupportedError(f"is not supported by {propagator.name}", field=field, value=float(first.std))
 
 
-def marks_of(scene: Scene, horizon: float | None, times: Sequence[float] | None) -> list[Mark]:
+def marks_of(scene: Scene, horizon: float | None, times: float | Sequence[float] | None) -> list[Mark]:
     """Return the times at which a belief is wanted, ascending; the arguments are those of `predict`.
+
+    A number as ``times`` is one time.
 
     The implicit integrator ends with a shorter step where a time is no multiple of ``dt``; the explicit one
     does not, as its law depends on the step.
@@ -97,7 +99,7 @@ def marks_of(scene: Scene, horizon: float | None, times: Sequence[float] | None)
         raise InvalidHorizonError(
             "must be one time; several are given as times=[...]", field="horizon", value=horizon
         )
-    wanted = [] if times is None else list(times)
+    wanted = [] if times is None else list(times) if isinstance(times, Iterable) else [times]
     if horizon is not None:
         wanted.append(horizon)
     if not wanted:

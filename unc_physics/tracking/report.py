@@ -46,7 +46,8 @@ class Correction:
         Mahalanobis distance of each body's measurement from its prediction; the square is on average the
         number of its dimensions. A late measurement is compared with the prediction for its own time.
     rejected : tuple of str
-        Bodies whose measurement was too far from its prediction, and had no effect.
+        Bodies whose measurement was too far from its prediction, and had no effect on the belief.
+        Measurements have an effect again once a few agree that the body was moved.
     carried, lost : tuple of str
         Bodies that are carried, or lost (`TrackStatus`), after the newest measurement.
     status : mapping of str to TrackStatus

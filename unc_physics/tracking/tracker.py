@@ -190,7 +190,8 @@ class Tracker:
         Parameters
         ----------
         time : float
-            When they were taken [s]; it may lie before that of earlier calls, by up to the window.
+            When they were taken [s]; it may lie before that of earlier calls, by up to the window. Older
+            measurements have no effect, and the report says so: `Correction.too_late`.
         measurements : mapping of str to measurement
             By the names of moving bodies: `PoseMeasurement`, `PositionMeasurement` or
             `RelativePoseMeasurement`.
@@ -271,13 +272,13 @@ class Tracker:
             for k, parameter in enumerate(self._scene.uncertain)
         }
 
-    def ahead(self, times: Sequence[float]) -> Prediction:
+    def ahead(self, times: float | Sequence[float]) -> Prediction:
         """Predict from the present belief; the tracker stays as it is.
 
         Parameters
         ----------
-        times : sequence of float
-            From the tracker's time on, ascending [s].
+        times : float or sequence of float
+            One time or several, from the tracker's time on, ascending [s].
 
         Returns
         -------
@@ -523,6 +524,8 @@ class Tracker:
             if physics.accepted:
                 history = _begun_anew(state.carry.contact_history, body)
                 state = state._replace(carry=state.carry._replace(contact_history=history))
+            elif track.mode is TrackMode.PHYSICS:  # only the filter, which does not answer, has used it
+                rejected.append(scene.bodies[body].name)
             if track.mode is TrackMode.STARTING:
                 if track.free.knows_velocities(self._symmetry(body)):
                     restart = self._started(k, state, place, entry.time)
