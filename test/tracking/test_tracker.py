@@ -700,3 +700,16 @@ def test_a_pose_from_before_the_window_is_too_late():
     report = tracker.correct(-3.0, {"box0": PoseMeasurement(RESTING, NOISE)})
     assert report.too_late
     assert np.array_equal(tracker.samples(), before)
+
+
+def test_the_variance_about_an_axis_of_symmetry_means_nothing():
+    can = load_model("can")
+    foot = -float(can.bounds[0, 2])
+    scene = Scene.everyday([RigidBody("can", can, 0.3)], exact=True, environment=[Plane(name="table")])
+    belief, rng = belief_of(scene, can={"position": [0.0, 0.0, foot]}), np.random.default_rng(23)
+    tracker = Tracker(scene, belief, symmetries={"can": AxialSymmetry()})
+    for k, turn in enumerate(rng.uniform(-np.pi, np.pi, 30), 1):  # all around
+        seen = Rotation.from_rotvec([0.0, 0.0, turn]).as_quat()
+        tracker.correct(k / RATE, {"can": measured(pose([0.0, 0.0, foot], seen), rng)})
+    assert tracker.belief().marginal(0)[8, 8] < 0.01**2
+    assert tracker.ahead(0.2)["can"].rotation_std[2] < 0.01

@@ -29,6 +29,10 @@ _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 class AxialSymmetry:
     """Symmetry of a can or a bottle: it looks the same at every angle about an axis.
 
+    No measurement tells the angle about the axis, and a tracker gives it the same value in all members. Its
+    mean and its variance in answers mean nothing: the variance is nearly 0 after a measurement, though the
+    angle is unknown. Put that of an unknown angle, ``pi**2 / 3``, in its place where others read it.
+
     Attributes
     ----------
     axis : (3,) array

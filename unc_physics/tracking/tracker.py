@@ -120,7 +120,7 @@ class Tracker:
         An axis about which a body looks the same at every angle; or rotations, as quaternions (x, y, z, w) in
         the body frame, after which it looks as before. A measured pose is replaced by its equivalent that is
         nearest to the expected one. An angle about an axis of symmetry is never corrected: it is arbitrary in
-        the answers.
+        the answers, and its small variance there means nothing (`AxialSymmetry`).
 
     Raises
     ------
