@@ -90,7 +90,8 @@ class Camera:
         """Forget all objects; later times."""
         assert self._listener.call(Reset, "/tracker/reset", Reset.Request()).result.error_code == 0
         self._start += 1000.0
-        self._inbox.all()
+        while self._inbox.next().objects:
+            pass
 
     def stamp(self, t):
         """The stamp of a time since `begin`."""
@@ -410,6 +411,25 @@ def test_the_client_observes_and_asks(camera, planner):
     assert can.belief.position == pytest.approx([0.5, 0.0, 0.0], abs=1e-3)
     # standard deviations are about the body's axes, in the measurement as in the belief
     assert can.belief.orientation_std == pytest.approx(std[3:], rel=0.05)
+
+
+def test_after_a_reset_the_client_has_nothing_from_before(camera, planner):
+    for names in [["box"], []] * 3:
+        stand(camera)
+        planner.reset(names)
+        assert planner.tracked() == {}
+
+
+def test_subscribers_see_that_all_is_forgotten(camera):
+    stand(camera)
+    camera.begin()  # waits for an empty list
+
+
+def test_a_new_client_knows_its_own_reset(camera):
+    stand(camera)
+    with PythonClient(server="/tracker", timeout=5.0) as other:
+        other.reset()
+        assert other.tracked() == {}
 
 
 def test_the_client_s_forks(camera, planner):

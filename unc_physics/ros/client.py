@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from os import PathLike
@@ -73,7 +74,8 @@ _LATCHED = QoSProfile(
 _THREADS = 8  # threads that wait for answers
 _PACKING_POLL_PERIOD = 0.2  # s
 _DISCOVERY_POLL_PERIOD = 0.01  # s
-_QUEUED = 20  # observations that wait in the middleware
+_QUEUED = 20  # messages that wait in the middleware
+_RESET_TIMEOUT = 0.5  # s, until the tracker's message after a reset arrives
 
 
 class Options(TypedDict, total=False):
@@ -482,22 +484,30 @@ class Client:
             time.sleep(_DISCOVERY_POLL_PERIOD)
         time_of = node.get_clock().now().nanoseconds if stamp is None else round(1e9 * number(stamp, "stamp"))
         message.header.stamp = stamp_of(time_of)
+        if self._tracked is not None:
+            self._tracked.skip_old()
         publisher.publish(message)
         return 1e-9 * time_of
 
     def tracked(self) -> dict[str, TrackedBody]:
         """Wait for the next message of the node's tracker; return the tracked objects by their ids.
 
+        After `reset`, messages from before it do not count. The newest one after it does, without a wait,
+        unless `observe` was called meanwhile.
+
         Raises
         ------
         NotActiveError
             If none arrives: nothing is observed, or no node tracks objects.
         """
+        return read_tracked(self._tracked_topic().next(self._timeout))
+
+    def _tracked_topic(self) -> _Newest:
         topic = f"{self._server}/tracked"
         with self._topics:
             if self._tracked is None:
                 self._tracked = _Newest(self._connection.node, TrackedObjects, topic)
-        return read_tracked(self._tracked.next(self._timeout))
+            return self._tracked
 
     def fork(
         self,
@@ -590,9 +600,18 @@ class Client:
         InvalidRequestError
             If a name is unknown; nothing is forgotten then.
         """
-        answer = self._connection.call(Reset, "reset", Reset.Request(ids=list(names)))
-        if answer.result.error_code:
-            raise read_error(answer.result)
+        forgotten, tracked = set(names), self._tracked_topic()
+
+        def is_after(message):
+            known = {own.id for own in message.objects}
+            return not (known & forgotten if forgotten else known)
+
+        with tracked.from_first(is_after) as wait:
+            answer = self._connection.call(Reset, "reset", Reset.Request(ids=list(forgotten)))
+            if answer.result.error_code:
+                raise read_error(answer.result)
+            if not wait(_RESET_TIMEOUT) and not forgotten:  # the topic is not connected yet
+                tracked.set(TrackedObjects())
 
     def capabilities(self) -> GetCapabilities.Response:
         """Return the node's propagators with traits and options, features, limits, physics and versions."""
@@ -712,17 +731,51 @@ class _Newest:
     def __init__(self, node, kind, topic):
         self._node, self._topic = node, topic
         self._changed, self._message, self._count = threading.Condition(), None, 0
-        self._subscription = node.create_subscription(kind, topic, self._receive, 1)
+        self._fresh: int | None = None  # count after which a message is next, even if it is there
+        self._is_first: Callable[[Any], bool] | None = None
+        self._subscription = node.create_subscription(kind, topic, self.set, _QUEUED)
 
-    def _receive(self, message):
+    def set(self, message: Any) -> None:
+        """Take a message."""
         with self._changed:
+            if self._is_first is not None:
+                if not self._is_first(message):
+                    return
+                self._is_first = None
             self._message, self._count = message, self._count + 1
             self._changed.notify_all()
+
+    @contextlib.contextmanager
+    def from_first(self, is_first: Callable[[Any], bool]) -> Iterator[Callable[[float], bool]]:
+        """Ignore messages until the first one that a function is true for, which `next` may return later.
+
+        Gives a function that waits for that message for a time [s], and returns whether it came.
+        """
+        with self._changed:
+            count, self._is_first = self._count, is_first
+
+        def wait(timeout):
+            with self._changed:
+                came = self._changed.wait_for(lambda: self._count > count, timeout)
+                self._fresh, self._is_first = count, None
+                return came
+
+        try:
+            yield wait
+        finally:
+            with self._changed:
+                self._is_first = None
+
+    def skip_old(self) -> None:
+        """Let `next` return none of the messages that are there."""
+        with self._changed:
+            self._fresh = None
 
     def next(self, timeout: float) -> Any:
         """Return the next message."""
         with self._changed:
-            count = self._count
+            count = self._count if self._fresh is None else self._fresh
+            self._fresh = None
             if not self._changed.wait_for(lambda: self._count > count, timeout):
                 raise NotActiveError(
                     f"has no message within {timeout:g} s; start the node with track:=true, and publish"

@@ -6,7 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import KeyValue
@@ -20,7 +20,7 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import ActionArray, ObjectState, Prediction, Result, TrackedObjects
 from unc_physics_msgs.srv import Fork, Reset
 
-from ..checks.errors import DivergedError, ErrorCode
+from ..checks.errors import CanceledError, DivergedError, ErrorCode
 from ..prediction.prediction import Prediction as CorePrediction
 from .messages.fields import seconds
 from .messages.prediction import write_answer
@@ -304,7 +304,8 @@ class Tracking:
         with self._lock:
             self._tracks.keep(present)
         settings = self._server.settings
-        header = Header(stamp=stamp_of(present.stamp), frame_id=settings.world_frame)
+        stamp = present.stamp or self._clock.now().nanoseconds  # without objects there is no stamp
+        header = Header(stamp=stamp_of(stamp), frame_id=settings.world_frame)
         message = TrackedObjects(header=header, objects=present.messages())
         message.skipped = [KeyValue(key=name, value=reason) for name, reason in skipped.items()]
         self._tracked.publish(message)
@@ -318,6 +319,17 @@ class Tracking:
             self._tracks.clear()
         self._heard = None
         self._counts.set("objects", 0)
+        self._publish()
+
+    def _forget(self, ids):
+        """Forget objects, by default all, and publish what is left."""
+        if not ids:
+            self._clear()
+            return
+        with self._lock:
+            self._tracks.forget(ids, self._server.settings)
+            self._counts.set("objects", len(self._tracks.names))
+        self._publish()
 
     def _warn(self, text):
         self._server.log.warning(text, throttle_duration_sec=_REPORT_PERIOD)
@@ -373,12 +385,10 @@ class Tracking:
 
     def _reset(self, request, response):
         with self._server.errors_into(response.result):
-            if request.ids:
-                with self._lock:
-                    self._tracks.forget(request.ids, self._server.settings)
-                    self._counts.set("objects", len(self._tracks.names))
-            else:
-                self._clear()
+            try:  # in the worker, so that no belief from before is published later
+                self._worker.submit(self._forget, request.ids).result()
+            except (CancelledError, RuntimeError):
+                raise CanceledError(self._server.ending, field="the node") from None
 
 
 def observation_of(detections, library, mass: float) -> ReceivedObservation:
