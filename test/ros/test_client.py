@@ -263,7 +263,7 @@ def test_another_region_of_the_same_name_was_not_asked_for(asked, space):
 
 @pytest.mark.parametrize("event", [AtRest("left", speed=1.0), AtRest("left") & AtRest("right")])
 def test_events_without_a_message_are_refused(asked, space, event):
-    with pytest.raises(NotSupportedError, match="not combined, with their usual limits"):
+    with pytest.raises(NotSupportedError, match="not combined|is fixed at the node"):
         asked.predict(*space, "surrogate", 0.02, events=[event])
 
 

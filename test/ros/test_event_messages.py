@@ -7,6 +7,7 @@ import pytest
 from unc_physics import AtRest, FellOff, Upright
 from unc_physics.checks.errors import NotSupportedError
 from unc_physics.prediction.events import EVENTS, BodyEvent, argument
+from unc_physics.ros.client import _split_events
 from unc_physics.ros.messages.events import EVENT_MESSAGES, message_of, object_events
 from unc_physics.ros.messages.ranking import write_score
 from unc_physics_msgs.msg import PredictedObject, Score
@@ -42,3 +43,16 @@ def test_a_class_without_a_message_is_refused():
             call()
     with pytest.raises(NotSupportedError, match="^speed of 'cup at rest' is fixed at the node"):
         message_of(AtRest("cup", speed=1.0), "score")
+
+
+@pytest.mark.parametrize(
+    ("event", "message"),
+    [
+        (FellOff("can", "table"), r"^support of '.*' is not in a node's answer; ask for FellOff\('can'\)"),
+        (FellOff("can", drop=0.1), "^drop of '.*' is fixed at the node; leave it out"),
+        (AtRest("can") & Upright("can"), "^events has no message; there are InRegion.*, not combined"),
+    ],
+)
+def test_events_that_an_answer_lacks_are_refused_by_their_argument(event, message):
+    with pytest.raises(NotSupportedError, match=message):
+        _split_events([event])

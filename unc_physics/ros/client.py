@@ -40,7 +40,7 @@ from ..checks.errors import (
 from ..checks.validation import instance, integer, number, positive
 from ..geometry.packing_file import SpherePacking
 from ..prediction.actions import Action, apply_action
-from ..prediction.events import Event, InRegion, Touches, checked_events
+from ..prediction.events import Event, FellOff, InRegion, Touches, checked_events
 from ..prediction.prediction import Prediction
 from ..prediction.rank import Ranking
 from ..prediction.request_checks import check_supported, marks_of
@@ -54,7 +54,7 @@ from ..tracking.measurements import PoseMeasurement
 from .connection import Connection
 from .messages.actions import write_actions
 from .messages.environment import write_region
-from .messages.events import object_events
+from .messages.events import message_of, object_events
 from .messages.fields import duration, read_error, seconds
 from .messages.physics import read_physics
 from .messages.prediction import read_answer
@@ -198,7 +198,8 @@ class Client:
             Number of samples to return at each time (`Prediction.samples`), for any propagator. Messages hold
             their poses; their velocities are NaN.
         events : iterable of Event, optional
-            Events for `Prediction.probability` at the horizon, not combined and with their default limits.
+            Events for `Prediction.probability` at the horizon, not combined and with their default limits;
+            `FellOff` without a support.
         modes : bool
             Whether to return `PredictedBody.modes`.
         joint_covariance : bool, optional
@@ -823,10 +824,15 @@ def _split_events(events):
         elif isinstance(event, Touches) or event in object_events(event.names):
             others = True
         else:
+            message_of(
+                event, "events"
+            )  # raises for a combined event, or for another limit than the usual one
+            assert isinstance(event, FellOff)
             raise NotSupportedError(
-                "has no message; ask for events that are not combined, with their usual limits",
-                field="events",
-                value=str(event),
+                f"is not in a node's answer; ask for FellOff('{event.object}'), off what carried it, or rank"
+                " actions by this event",
+                field=f"support of '{event}'",
+                value=event.support,
             )
     return tuple(regions.values()), others
 

@@ -61,7 +61,9 @@ def message_of(event: Event, field: str) -> EventMessage:
     row = EVENT_MESSAGES.get(type(event))
     if row is None:
         known = ", ".join(kind.__name__ for kind in EVENT_MESSAGES)
-        raise NotSupportedError(f"has no message; there are {known}", field=field, value=str(event))
+        raise NotSupportedError(
+            f"has no message; there are {known}, not combined", field=field, value=str(event)
+        )
     kind: Any = type(event)
     for name in row.fixed:
         value, default = getattr(event, name), getattr(kind("default"), name)
