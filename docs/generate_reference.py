@@ -91,7 +91,7 @@ TOPICS = {
     "ros_client": (
         "Python: ROS client",
         "Calls of the node with the library's own scenes, beliefs and predictions.",
-        "ros.Client ros.TrackedBody ros.request_of_planning_scene",
+        "ros.Client ros.TrackedBody ros.TrackedPrediction ros.request_of_planning_scene",
     ),
 }
 PHYSICS_KEYS = ("integrator", "dt", "gravity", "damping", "friction", "restitution", "gyroscopic")

@@ -88,6 +88,7 @@ class Camera:
 
     def begin(self):
         """Forget all objects; later times."""
+        self._inbox.all()
         assert self._listener.call(Reset, "/tracker/reset", Reset.Request()).result.error_code == 0
         self._start += 1000.0
         while self._inbox.next().objects:
@@ -433,7 +434,7 @@ def test_a_new_client_knows_its_own_reset(camera):
 
 
 def test_the_client_s_forks(camera, planner):
-    stand(camera)
+    last = stand(camera)
     around = BoxRegionOfCore("here", (0.15, 0.15, 0.15), (0.0, 0.0, 0.061))
     path = PosePath(times=[0.0, 0.5], positions=[[-0.25, 0.0, 0.0455], [-0.05, 0.0, 0.0455]])
     hand = RigidBody("hand", load_model("brick"), trajectory=path)
@@ -441,6 +442,8 @@ def test_the_client_s_forks(camera, planner):
     prediction = planner.fork(0.6, times=[0.3], robot=[hand], events=events, keep_samples=5)
     assert [body.name for body in prediction.scene.bodies] == ["box", "hand"]
     assert prediction.times == pytest.approx([0.3, 0.6])
+    assert prediction.stamp == pytest.approx(seconds_of(last), abs=1e-5)
+    assert prediction[:1].stamp == prediction.stamp
     assert prediction["box"].position[0] == pytest.approx(PUSHED, abs=0.02)
     assert prediction["hand"].position[0] == pytest.approx(-0.05, abs=1e-6)
     probabilities = [prediction.probability(event).estimate for event in events]

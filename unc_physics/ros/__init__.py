@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .client import Client as Client
+    from .client import TrackedPrediction as TrackedPrediction
     from .lifecycle_node import UncPhysicsLifecycleNode as UncPhysicsLifecycleNode
     from .messages.planning_scene import request_of_planning_scene as request_of_planning_scene
     from .messages.tracking import TrackedBody as TrackedBody
@@ -18,11 +19,19 @@ if TYPE_CHECKING:
 _MODULES = {
     "Client": "client",
     "TrackedBody": "messages.tracking",
+    "TrackedPrediction": "client",
     "UncPhysicsLifecycleNode": "lifecycle_node",
     "UncPhysicsNode": "node",
     "request_of_planning_scene": "messages.planning_scene",
 }
-__all__ = ["Client", "TrackedBody", "UncPhysicsLifecycleNode", "UncPhysicsNode", "request_of_planning_scene"]
+__all__ = [
+    "Client",
+    "TrackedBody",
+    "TrackedPrediction",
+    "UncPhysicsLifecycleNode",
+    "UncPhysicsNode",
+    "request_of_planning_scene",
+]
 
 
 def __getattr__(name):

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -61,7 +61,7 @@ from .messages.prediction import read_answer
 from .messages.ranking import read_candidate, read_ranking, write_candidate, write_score
 from .messages.request import Query, RequestedOutputs, write_request
 from .messages.scene import read_scene, write_object
-from .messages.tracking import TrackedBody, read_tracked, stamp_of, write_measurement
+from .messages.tracking import TrackedBody, nanoseconds, read_tracked, stamp_of, write_measurement
 from .models import ModelLibrary
 from .streams import topic_name
 
@@ -89,6 +89,19 @@ class Options(TypedDict, total=False):
     events: Iterable[Event]
     modes: bool
     joint_covariance: bool | None
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPrediction(Prediction):
+    """Prediction from what a node's tracker knows.
+
+    Attributes
+    ----------
+    stamp : float
+        The tracker's time, on the clock of the observations [s]: time 0 of the prediction.
+    """
+
+    stamp: float = 0.0
 
 
 class Client:
@@ -521,7 +534,7 @@ class Client:
         modes: bool = False,
         joint_covariance: bool = True,
         models: Mapping[str, SpherePacking] | None = None,
-    ) -> Prediction:
+    ) -> TrackedPrediction:
         """Predict from what the node's tracker knows, without a scene; the tracker does not change.
 
         Parameters
@@ -541,8 +554,8 @@ class Client:
 
         Returns
         -------
-        Prediction
-            Its ``scene`` is the tracked one.
+        TrackedPrediction
+            Its ``scene`` is the tracked one. Its ``stamp`` is the tracker's time, from which its times count.
 
         Raises
         ------
@@ -591,7 +604,9 @@ class Client:
         query = Query(
             read.scene, read.belief, propagator, message.seed, marks, None, keep_samples, regions, outputs
         )
-        return read_answer(answer.result, message, query)
+        prediction = read_answer(answer.result, message, query)
+        known = {one.name: getattr(prediction, one.name) for one in fields(prediction)}
+        return TrackedPrediction(**known, stamp=1e-9 * nanoseconds(message.header.stamp))
 
     def reset(self, names: Iterable[str] = ()) -> None:
         """Make the node's tracker forget objects, by default all.
