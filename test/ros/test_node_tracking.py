@@ -208,9 +208,10 @@ def test_bad_observations_are_left_out_alone(camera):
     time.sleep(0.3)
     bad.append(camera.see(PERIOD, "box", (0.0, 0.0, 0.0)))
     reasons = [(own.key, own.value) for message in bad for own in message.skipped]
-    expected = ("pose.position must be finite", "pose.orientation", UNKNOWN_MODEL, "nowhere")
+    expected = ("pose.position must be finite", "pose.orientation", UNKNOWN_MODEL, "header.frame_id ")
     assert [name for name, _ in reasons] == ["box", "box", "ghost", "box"]
     assert all(part in reason for part, (_, reason) in zip(expected, reasons, strict=True)), reasons
+    assert "scene" not in reasons[-1][1] and "nowhere" in reasons[-1][1]
     (own,) = bad[-1].objects
     assert own.id == "box" and own.last_seen == camera.stamp(PERIOD) and own.rejections == 0
 

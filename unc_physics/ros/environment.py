@@ -154,7 +154,7 @@ class EnvironmentTopics:
     def _set(self, request, response):
         with self._server.errors_into(response.result):
             environment = request.environment
-            if (transform := self._server.frames.to_world(request.header)) is not None:
+            if (transform := self._server.frames.to_world(request.header, "header")) is not None:
                 environment = transform.environment(environment)
             self._take(environment)
 

@@ -56,7 +56,7 @@ class Outcome(NamedTuple):
 class _WorldOnly:
     """In place of `Frames`: a bag's detections are all taken to be in the world frame."""
 
-    def to_world(self, header):
+    def to_world(self, header, field=""):
         """Return no transform."""
 
 

@@ -363,7 +363,7 @@ class _StreamSource:
 
     def _wait(self, streamed, number):
         try:
-            self._frames.to_world(streamed.scene.header)
+            self._frames.to_world(streamed.scene.header, "header" if self._detected else "scene.header")
         except UncPhysicsError as error:
             streamed = streamed._replace(problem=error)
         self._pass(streamed, number)
@@ -405,7 +405,7 @@ def prepared(
             f"must be set, as detected objects would fall for ever: {HOW_TO_SET}",
             field="the node's environment",
         )
-    if (transform := frames.to_world(scene.header)) is not None:
+    if (transform := frames.to_world(scene.header, "header")) is not None:
         scene = transform.scene(scene)
         scene.header = Header(stamp=scene.header.stamp)
     scene, skipped = settle_detected(scene, environment.message, library, settings)

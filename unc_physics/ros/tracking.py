@@ -181,7 +181,7 @@ class Tracking:
     def _transform(self, work, message):
         result, transform = Result(), None
         with self._server.errors_into(result):
-            transform = self._server.frames.to_world(message.header)
+            transform = self._server.frames.to_world(message.header, "header")
         if result.error_code:
             self._leave_out(message, result.error_msg)
             with self._pending_lock:

@@ -55,7 +55,7 @@ class Frames:
         if self._buffer is not None:
             self._buffer.clear()
 
-    def to_world(self, header) -> Transform | None:
+    def to_world(self, header, field: str = "scene.header") -> Transform | None:
         """Return the transform from a header's frame to the world frame; None if they are the same.
 
         The calling thread, which must not be the executor's, waits for a missing transform.
@@ -64,6 +64,8 @@ class Frames:
         ----------
         header : Header
             Header; an empty frame means the world frame.
+        field : str
+            Its place in the message, for errors.
 
         Raises
         ------
@@ -75,7 +77,7 @@ class Frames:
         if self._buffer is None:
             raise UnknownFrameError(
                 f"must be empty or the world frame '{self._world_frame}', as tf2_ros is not installed",
-                field="scene.header.frame_id",
+                field=f"{field}.frame_id",
                 value=header.frame_id,
             )
         timeout = self._timeout()
@@ -90,7 +92,7 @@ class Frames:
             waited = f" within {timeout:g} s" if timeout else ""
             raise UnknownFrameError(
                 f"has no transform to '{self._world_frame}'{waited}: {error}",
-                field="scene.header.frame_id",
+                field=f"{field}.frame_id",
                 value=header.frame_id,
             ) from error
         t, q = found.transform.translation, found.transform.rotation
