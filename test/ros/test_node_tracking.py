@@ -476,7 +476,9 @@ def test_the_example_follows_a_covered_can():
     assert done.returncode == 0, done.stderr
     place = r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\) m"
     (x, y, _), speed = re.findall(place, done.stdout)[0], float(re.findall(r"([\d.]+) m/s", done.stdout)[0])
-    assert 0.04 < float(x) < 0.15 and abs(float(y)) < 0.03 and 1.5 < speed < 5.0
+    fallen = float(x) / 0.2  # since when [s]; a slow node's first answer may be of a time after the landing
+    assert fallen > 0.2 and abs(float(y)) < 0.03
+    assert fallen > 0.4 or speed == pytest.approx(9.81 * fallen, abs=0.8)
     # a can lies or stands, so that its middle is a radius or half its height above the table
     height = float(re.findall(place, done.stdout)[1][2])
     assert 0.03 < height < 0.07
