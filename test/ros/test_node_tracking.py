@@ -1,5 +1,6 @@
 """The node's tracker over DDS: bad, late, lost, repeated and swapped observations, forks and paths."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -483,6 +484,28 @@ def test_the_example_follows_a_covered_can():
     height = float(re.findall(place, done.stdout)[1][2])
     assert 0.03 < height < 0.07
     assert float(re.findall(r"at rest then: ([\d.]+)", done.stdout)[0]) > 0.2
+
+
+def test_the_start_warns_about_what_cannot_be_tracked(node):
+    assert "parameter observed_models: 'no_such_model' is unknown" in node.output
+    assert "before the node's environment is set" not in node.output  # a file has set it
+    parameters = {
+        "track": "true",
+        "observed_objects": "[can, mug]",
+        "observed_models": "[catt, mug]",
+        "symmetric_models": "[cann]",
+        "symmetry_axes": "[z]",
+        "warm_up": "['']",
+    }
+    options = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
+    with NodeProcess(*options, name="careless") as process:
+        before = process.output.partition("]: ready")[0]
+    assert "parameter observed_models: 'catt' is unknown" in before
+    assert "parameter symmetric_models: 'cann' is unknown" in before and "did you mean 'can'?" in before
+    assert "nothing is tracked before the node's environment is set" in before
+    assert "'mug'" not in before
+    has_detections = importlib.util.find_spec("vision_msgs") is not None
+    assert ("vision_msgs is not installed" in before) is not has_detections
 
 
 def test_diagnostics_count_observations(camera, listener):

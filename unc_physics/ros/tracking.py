@@ -20,8 +20,10 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import ActionArray, ObjectState, Prediction, Result, TrackedObjects
 from unc_physics_msgs.srv import Fork, Reset
 
-from ..checks.errors import CanceledError, DivergedError, ErrorCode
+from ..checks.errors import CanceledError, DivergedError, ErrorCode, UncPhysicsError
+from ..checks.names import hint
 from ..prediction.prediction import Prediction as CorePrediction
+from .environment import HOW_TO_SET
 from .messages.fields import seconds
 from .messages.prediction import write_answer
 from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_times
@@ -104,7 +106,7 @@ class Tracking:
         try:
             from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
         except ImportError:
-            pass
+            server.log.warning("vision_msgs is not installed: the tracker has no topic ~/observations")
         else:
             self._subscribe(Detection3DArray, "~/observations", self._detected)
         self._subscriptions.append(
@@ -118,6 +120,7 @@ class Tracking:
             min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
         )
         self._jumps = self._clock.create_jump_callback(threshold, post_callback=self._jumped)
+        self._warn_at_start()
 
     def close(self) -> None:
         """Withdraw topics and services."""
@@ -134,6 +137,23 @@ class Tracking:
         self._predictor.close()
         node.destroy_publisher(self._tracked)
         self._transforms.close()
+
+    def _warn_at_start(self):
+        """Warn about settings with which observations will be left out."""
+        server, settings = self._server, self._server.settings
+        for parameter in ("observed_models", "symmetric_models"):
+            for model in dict.fromkeys(filter(None, getattr(settings, parameter))):
+                try:
+                    server.library.shape(model)
+                except UncPhysicsError as error:
+                    problem, known = (
+                        error.problem.partition(";")[0],
+                        server.library.paths,
+                    )  # all are in the log
+                    server.log.warning(f"parameter {parameter}: '{model}' {problem}{hint(model, known)}")
+        falls = settings.integrator == "implicit" and any(settings.gravity)
+        if falls and not server.environment.is_set and not settings.planning_scene_topic:
+            server.log.warning(f"nothing is tracked before the node's environment is set: {HOW_TO_SET}")
 
     def _subscribe(self, kind, topic, callback):
         profile = QoSProfile(**_SENSOR)  # of its own, as overriding changes it
