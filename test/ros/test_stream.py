@@ -324,7 +324,7 @@ def test_one_bad_detection_is_left_out_alone():
     library, settings = ModelLibrary(), Settings()
     scene, skipped = scene_of_detections(message, library, 1.0)
     streamed = StreamedScene(scene, True, Pace(), skipped=skipped)
-    frames = SimpleNamespace(to_world=lambda header: None)
+    frames = SimpleNamespace(to_world=lambda *header: None)
     environment = NodeEnvironment()
     floor = EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
     environment.set([floor])
