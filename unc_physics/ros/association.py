@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks.errors import NotSupportedError
-from ..geometry.packing_file import SpherePacking
 
 _FORBIDDEN = 1e9  # cost of a pair that cannot be
 
@@ -64,8 +63,3 @@ def assign(expected: Sequence[Place], observed: Sequence[Place], farthest: float
         raise NotSupportedError("by distance needs SciPy: pip install scipy", field="association") from None
     rows, columns = linear_sum_assignment(costs)
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if costs[i, j] < _FORBIDDEN]
-
-
-def smallest_extent(model: SpherePacking) -> float:
-    """Return the smallest extent of a model along its axes [m]."""
-    return float((np.ptp(model.centers, axis=0) + 2.0 * model.radii.min()).min())

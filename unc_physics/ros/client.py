@@ -55,13 +55,13 @@ from .connection import Connection
 from .messages.actions import write_actions
 from .messages.environment import write_region
 from .messages.events import message_of, object_events
-from .messages.fields import duration, read_error, seconds
+from .messages.fields import duration, nanoseconds, read_error, seconds, stamp_of
 from .messages.physics import read_physics
 from .messages.prediction import read_answer
 from .messages.ranking import read_candidate, read_ranking, write_candidate, write_score
 from .messages.request import Query, RequestedOutputs, write_request
 from .messages.scene import read_scene, write_object
-from .messages.tracking import TrackedBody, nanoseconds, read_tracked, stamp_of, write_measurement
+from .messages.tracking import TrackedBody, read_tracked, write_measurement
 from .models import ModelLibrary
 from .streams import topic_name
 

@@ -174,6 +174,11 @@ def _reach(body):
     return 2.0 * float((np.linalg.norm(body.centers - body.position, axis=1) + body.radii).max())
 
 
+def smallest_extent(centers: np.ndarray, radii: np.ndarray) -> float:
+    """Return a lower bound of the smallest extent of spheres (K, 3), (K,) along the axes [m]."""
+    return float(np.ptp(centers, axis=0).min() + 2.0 * radii.min())
+
+
 def _supports(environment, library) -> Sequence[Element | _Body]:
     """Return the elements of an environment; packed ones as spheres."""
     elements, packed = read_environment(environment, library.shape_packer, wait=False)
@@ -221,7 +226,7 @@ def _duplicates(objects, bodies) -> dict[str, Omission]:
             direction = apart / max(distance, 1e-12)
             P = body.covariance[:3, :3] + other.covariance[:3, :3]
             std = float(np.sqrt(max(direction @ P @ direction, 0.0)))
-            extent = float(np.ptp(body.centers, axis=0).min() + 2.0 * body.radii.min())
+            extent = smallest_extent(body.centers, body.radii)
             # disjoint bodies are farther apart than their smallest extent
             if distance < max(min(_SIGMAS * std, 0.9 * extent), 0.5 * extent):
                 reason = f"is a second detection of '{better.id}', {distance:.3g} m away"

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import Environment, EnvironmentElement, Result, Scene
 from unc_physics_msgs.srv import SetEnvironment
 
-from ..checks.errors import ErrorCode
+from ..checks.errors import ErrorCode, InvalidEnvironmentError
 from ..scene.environment import element_names
 from ..scene.scene_file import load_environment
 from .messages.environment import element_id, read_environment, write_element
@@ -53,6 +53,18 @@ class NodeEnvironment:
     def is_set(self) -> bool:
         """Whether any source has set it, also to no elements."""
         return self._given is not None or self._planned is not None
+
+    def is_missing(self, settings) -> bool:
+        """Return whether objects would fall for ever with a node's settings, as nothing has set it."""
+        return settings.integrator == "implicit" and any(settings.gravity) and not self.is_set
+
+    def check_set(self, settings, objects: str) -> None:
+        """Raise `InvalidEnvironmentError` if it is missing; ``objects`` says which objects would fall."""
+        if self.is_missing(settings):
+            raise InvalidEnvironmentError(
+                f"must be set, as {objects} objects would fall for ever: {HOW_TO_SET}",
+                field="the node's environment",
+            )
 
     @property
     def message(self) -> Environment:

@@ -22,11 +22,11 @@ from std_msgs.msg import Header
 
 from unc_physics_msgs.msg import ObjectState, Physics, Prediction, PredictionRequest, Result, Scene
 
-from ..checks.errors import ErrorCode, InvalidEnvironmentError, PredictionTimeoutError, UncPhysicsError
+from ..checks.errors import ErrorCode, PredictionTimeoutError, UncPhysicsError
 from .detected import settle_detected
-from .environment import HOW_TO_SET, NodeEnvironment
+from .environment import NodeEnvironment
 from .markers import MarkerTopic
-from .messages.fields import duration, seconds
+from .messages.fields import duration, nanoseconds, seconds
 from .messages.frames import Frames
 from .messages.prediction import write_answer
 from .messages.request import read_request
@@ -399,12 +399,7 @@ def prepared(
     scene = streamed.scene
     if not streamed.detected or not scene.objects:
         return scene, dict(streamed.skipped)
-    falls = settings.integrator == "implicit" and any(settings.gravity)
-    if falls and not environment.is_set:
-        raise InvalidEnvironmentError(
-            f"must be set, as detected objects would fall for ever: {HOW_TO_SET}",
-            field="the node's environment",
-        )
+    environment.check_set(settings, "detected")
     if (transform := frames.to_world(scene.header, "header")) is not None:
         scene = transform.scene(scene)
         scene.header = Header(stamp=scene.header.stamp)
@@ -477,7 +472,7 @@ def stamp_age(node, stamp) -> float | None:
     if stamp.sec == 0 and stamp.nanosec == 0:
         return None
     now = node.get_clock().now().nanoseconds
-    return 1e-9 * (now - stamp.sec * 1_000_000_000 - stamp.nanosec)  # rclpy's Time has no negative values
+    return 1e-9 * (now - nanoseconds(stamp))  # rclpy's Time has no negative values
 
 
 def stamp_problem(node, stamp, settings) -> str | None:

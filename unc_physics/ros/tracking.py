@@ -24,10 +24,9 @@ from ..checks.errors import CanceledError, DivergedError, ErrorCode, UncPhysicsE
 from ..checks.names import hint
 from ..prediction.prediction import Prediction as CorePrediction
 from .environment import HOW_TO_SET
-from .messages.fields import seconds
+from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
 from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_times
-from .messages.tracking import nanoseconds, stamp_of
 from .services import BackgroundService
 from .streams import LatestWorker, detected_object, scene_of_detections, stamp_age, stamp_problem, topic_name
 from .tracks import Tracks
@@ -146,13 +145,11 @@ class Tracking:
                 try:
                     server.library.shape(model)
                 except UncPhysicsError as error:
-                    problem, known = (
-                        error.problem.partition(";")[0],
-                        server.library.paths,
-                    )  # all are in the log
-                    server.log.warning(f"parameter {parameter}: '{model}' {problem}{hint(model, known)}")
-        falls = settings.integrator == "implicit" and any(settings.gravity)
-        if falls and not server.environment.is_set and not settings.planning_scene_topic:
+                    problem = error.problem.partition(";")[0]  # the log has the names of all models
+                    server.log.warning(
+                        f"parameter {parameter}: '{model}' {problem}{hint(model, server.library.paths)}"
+                    )
+        if server.environment.is_missing(settings) and not settings.planning_scene_topic:
             server.log.warning(f"nothing is tracked before the node's environment is set: {HOW_TO_SET}")
 
     def _subscribe(self, kind, topic, callback):

@@ -15,7 +15,6 @@ from unc_physics_msgs.msg import Scene as SceneMessage
 
 from ..checks.errors import (
     DuplicateIdError,
-    InvalidEnvironmentError,
     InvalidRequestError,
     LimitExceededError,
     NotSupportedError,
@@ -36,8 +35,9 @@ from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELO
 from ..tracking.measurements import PoseMeasurement
 from ..tracking.symmetry import AxialSymmetry
 from ..tracking.tracker import Tracker
-from .association import Place, assign, smallest_extent
-from .environment import HOW_TO_SET, NodeEnvironment, objects_of
+from .association import Place, assign
+from .detected import smallest_extent
+from .environment import NodeEnvironment, objects_of
 from .messages.actions import group_actions, write_actions
 from .messages.request import Job, RequestedOutputs, check_answer
 from .messages.scene import AllSkippedError, SceneLimits, read_scene, write_joint_covariance, write_object
@@ -168,11 +168,7 @@ class Tracks:
             If the node has no environment, or the simulation fails.
         """
         outcome = Observed()
-        if settings.integrator == "implicit" and any(settings.gravity) and not self._environment.is_set:
-            raise InvalidEnvironmentError(
-                f"must be set, as tracked objects would fall for ever: {HOW_TO_SET}",
-                field="the node's environment",
-            )
+        self._environment.check_set(settings, "tracked")
         if self._tracker is not None and stamp > self._stamp + _LONGEST_GAP * 1e9:
             self._begin_anew()
         outcome.is_late = self._tracker is not None and stamp < self._observed
@@ -467,9 +463,11 @@ class Tracks:
 
     def _second_of(self, place, others):
         """Return the object that an observation is inside of, as no other of its model can be."""
+        shape = self._library.shape(place.model)
+        nearest = 0.5 * smallest_extent(shape.centers, shape.radii)
         for name, other in others.items():
             apart = float(np.linalg.norm(place.position - other.position))
-            if place.model == other.model and apart < 0.5 * smallest_extent(self._library.shape(place.model)):
+            if place.model == other.model and apart < nearest:
                 return name
         return None
 

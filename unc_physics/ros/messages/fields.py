@@ -63,15 +63,24 @@ def writable(a) -> np.ndarray:
 def duration(seconds: float) -> Duration:
     """Return a time in seconds as a Duration, to the nanosecond."""
     whole = math.floor(seconds)
-    nanoseconds = round((seconds - whole) * _NANOSECONDS)
-    carried, nanoseconds = divmod(nanoseconds, _NANOSECONDS)
-    return Duration(sec=whole + carried, nanosec=nanoseconds)
+    carried, nanosec = divmod(round((seconds - whole) * _NANOSECONDS), _NANOSECONDS)
+    return Duration(sec=whole + carried, nanosec=nanosec)
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp in nanoseconds."""
+    return stamp.sec * _NANOSECONDS + stamp.nanosec
+
+
+def stamp_of(time: int) -> Time:
+    """Return a time in nanoseconds as a stamp."""
+    sec, nanosec = divmod(time, _NANOSECONDS)
+    return Time(sec=sec, nanosec=nanosec)
 
 
 def later(stamp: Time, after: Duration) -> Time:
     """Return the time a Duration, not negative, after another time."""
-    carried, nanoseconds = divmod(stamp.nanosec + after.nanosec, _NANOSECONDS)
-    return Time(sec=stamp.sec + after.sec + carried, nanosec=nanoseconds)
+    return stamp_of(nanoseconds(stamp) + after.sec * _NANOSECONDS + after.nanosec)
 
 
 def seconds(message: Duration) -> float:

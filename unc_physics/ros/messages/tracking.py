@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovariance
 
 from unc_physics_msgs.msg import Action, ObjectState, TrackedObject, TrackedObjects
@@ -27,11 +26,10 @@ from ...spatial.rotation import rotation_matrix
 from ...tracking.hypotheses import UNKNOWN_SPIN, UNKNOWN_VELOCITY
 from ...tracking.measurements import PoseMeasurement
 from ...tracking.report import TrackStatus
-from .fields import packed, pose_message, writable, xyz, xyzw
+from .fields import nanoseconds, packed, pose_message, stamp_of, writable, xyz, xyzw
 from .prediction import write_state
 from .scene import CovarianceDefaults, known_covariance
 
-NANOSECONDS = 1_000_000_000
 #: Standard deviation of a new object's pose, over that of its first observation, which corrects it.
 _BEFORE_FIRST = 10.0
 _STATUSES = {getattr(TrackedObject, f"STATUS_{status.name}"): status for status in TrackStatus}
@@ -85,17 +83,6 @@ class TrackedBody:
     last_seen: float | None
     distance: float
     rejections: int
-
-
-def nanoseconds(stamp: Time) -> int:
-    """Return a stamp in nanoseconds."""
-    return stamp.sec * NANOSECONDS + stamp.nanosec
-
-
-def stamp_of(time: int) -> Time:
-    """Return a time in nanoseconds as a stamp."""
-    sec, nanosec = divmod(time, NANOSECONDS)
-    return Time(sec=sec, nanosec=nanosec)
 
 
 def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> PoseMeasurement:
