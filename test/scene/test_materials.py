@@ -13,6 +13,7 @@ from unc_physics.checks.errors import (
     UncPhysicsError,
 )
 from unc_physics.scene.material_table import MATERIALS
+from unc_physics.scene.materials import varied
 from unc_physics.scene.parameters import draw_parameters, vary_materials
 from unc_physics.scene.scene_file import scene_from_dict
 
@@ -194,8 +195,9 @@ def test_a_material_stands_for_what_is_not_given(model):
     """Its friction and restitution, with their standard deviations."""
     cardboard = MATERIALS["cardboard"]
     body = RigidBody("a", model, 1.0, material="cardboard")
-    assert (body.friction, body.friction_std) == (cardboard.friction, cardboard.friction_std)
-    assert (body.restitution, body.restitution_std) == (cardboard.restitution, cardboard.restitution_std)
+    assert (body.friction, body.restitution) == (cardboard.friction, cardboard.restitution)
+    assert body.friction_std == pytest.approx(2**0.5 * cardboard.friction_std)
+    assert body.restitution_std == pytest.approx(2**0.5 * cardboard.restitution_std)
     body = RigidBody("a", model, 1.0, material="cardboard", friction=0.4)
     assert (body.friction, body.friction_std) == (0.4, 0.0) and body.restitution == cardboard.restitution
     content = CONTENTS["two_bodies"]() | {"physics": "everyday", "stiffness": "auto", "environment": [FLOOR]}
@@ -204,11 +206,21 @@ def test_a_material_stands_for_what_is_not_given(model):
     scene = scene_from_dict(content).scene
     assert scene.bodies[0].friction == MATERIALS["wood"].friction
     floor = scene.environment[0]
-    assert (floor.friction, floor.friction_std) == (
-        MATERIALS["steel"].friction,
-        MATERIALS["steel"].friction_std,
-    )
+    assert floor.friction == MATERIALS["steel"].friction and floor.friction_std > 0.0
     assert (floor.restitution, floor.restitution_std) == (0.2, 0.05)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_contact_of_two_surfaces_of_a_material_varies_as_the_table_says(model, name):
+    """Each surface has its own draw, and the contact the geometric mean of both."""
+    body, material = RigidBody("a", model, 1.0, material=name), MATERIALS[name]
+    draws = np.random.default_rng(1).standard_normal((2, 4000))
+    friction = [[varied("friction", body.friction, body.friction_std, z) for z in side] for side in draws]
+    assert np.sqrt(np.prod(friction, axis=0)).std() == pytest.approx(material.friction_std, rel=0.1)
+    restitution = [
+        [varied("restitution", body.restitution, body.restitution_std, z) for z in side] for side in draws
+    ]
+    assert np.sqrt(np.prod(restitution, axis=0)).std() == pytest.approx(material.restitution_std, rel=0.35)
 
 
 @pytest.mark.parametrize("name", ["cardbord", "", 3])

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 
 class Material(NamedTuple):
-    """Friction and restitution of a material, and their standard deviations."""
+    """Friction and restitution of a contact of two surfaces of a material, and their standard deviations."""
 
     friction: float
     friction_std: float

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,6 +31,8 @@ _EXPLICIT = {
     "attached_to": None,
     "overlap": "keep",
 }
+#: Standard deviation of a surface over that of a contact of two such surfaces, as a contact has their mean.
+SURFACE_OF_CONTACT = math.sqrt(2.0)
 #: Restitution of each integrator if none is given.
 DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0}
 
@@ -72,7 +75,8 @@ class Surface:
         one given. Needs the implicit integrator.
     material : str, optional
         Name in `material_table.MATERIALS`. Its friction and restitution, with their standard deviations,
-        replace those that are not given. Needs the implicit integrator.
+        replace those that are not given. The table's standard deviations are those of a contact of two such
+        surfaces, so that each surface has `SURFACE_OF_CONTACT` times as much. Needs the implicit integrator.
     """
 
     friction: float | None = None
@@ -106,7 +110,7 @@ def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestErr
             value = check(value, f"{name}{of}", error)
         std = non_negative(std, field, error)
         if value is None and material is not None:
-            value, std = getattr(material, name), std or getattr(material, f"{name}_std")
+            value, std = getattr(material, name), std or SURFACE_OF_CONTACT * getattr(material, f"{name}_std")
         if std > 0.0:
             if value is None or (name == "friction" and value == 0.0):
                 raise error(f"needs {name} beside it, whose standard deviation it is", field=field, value=std)
