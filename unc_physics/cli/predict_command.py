@@ -148,8 +148,8 @@ def run(arguments) -> int:
     _note_what_is_left_out(arguments, scene, propagator, horizon)
     if prediction.left_out:
         note(
-            f"{propagator.name} leaves out {', '.join(prediction.left_out)}; the status says if the spread is too"
-            " small for that"
+            f"{propagator.name} leaves out {', '.join(prediction.left_out)}; the status says if the spread is"
+            " too small for that"
         )
     seed = prediction.seed if prediction.seed is not None else arguments.seed
     found = _probabilities(prediction, events)

@@ -132,8 +132,9 @@ def _look_far(prediction, found):
 def needs_rollouts(evidence: Evidence) -> bool:
     """Return whether a spread is to be compared with that of rollouts.
 
-    It is where it rests on a single rollout, with something to touch or a gyroscopic term; or on points,
-    where one touched something and they are asymmetric, or many, or may have turned too far.
+    A spread of a single rollout is compared if there is something to touch or a gyroscopic term. A spread of
+    points is compared if one of them touched something, and the points are asymmetric, or many, or may have
+    turned too far.
     """
     scene, propagator, directions = evidence.scene, evidence.propagator, evidence.start.directions
     if propagator.traits.mean_update == "nominal":

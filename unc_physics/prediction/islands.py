@@ -1,16 +1,15 @@
 """Groups of bodies that cannot touch each other, each predicted by itself.
 
-Time is divided into slices, at each of whose beginnings the bodies are divided into islands: bodies of
-different islands stay apart for the whole slice. For that, each body has a box that it stays in, from what is
-known of it at the slice's beginning: `SIGMAS` standard deviations wide, or as wide as the propagator's own
-samples lie. A body that nothing can reach flies freely; one that may touch something is at most as
-fast as the energy of its island makes it. Where boxes of different islands overlap, the slice is halved;
-where they still do in the shortest slice, the islands become one, as they do where a slice's end shows more
-energy than was thought: then the slice is done again. Islands never part.
+Time is divided into slices. At the beginning of a slice the bodies are divided into islands: bodies of
+different islands stay apart for the whole slice. For that, each body has a box that it stays in during the
+slice. The box is `SIGMAS` standard deviations wide, or as wide as the propagator's own samples lie. A body
+that nothing can reach flies freely. The speed of other bodies is bounded by the energy of their island.
 
-Whole horizons without slices would need bounds that hold through collisions for seconds, which makes
-everything one island; predictions that are redone from time 0 when islands meet would cost more, and would
-have to know the same bounds.
+Where boxes of different islands overlap, the slice is halved. Where they overlap in the shortest slice, the
+islands become one. They also become one if a slice ends with more energy than its bounds allow; the slice is
+then done again. Islands never part.
+
+Without slices, bounds would have to hold through seconds of collisions, and everything would be one island.
 """
 
 from __future__ import annotations

@@ -64,10 +64,9 @@ def fit(x: np.ndarray, y: np.ndarray, like: ResponseSurface | None = None) -> Re
 
     Notes
     -----
-    Length and nugget, one each for all outputs, are those with the least mean square error of leaving one
-    rollout out, which has a closed form (Rasmussen and Williams 2006, 5.4.2): a pair of them none of whose
-    neighbours is better. The trend, whose coefficients are estimated along, is linear from 3 (d + 1)
-    rollouts on.
+    All outputs share one length and one nugget. They minimize the mean square error of leaving one rollout
+    out, which has a closed form (Rasmussen and Williams 2006, 5.4.2); the search ends at a local minimum. The
+    trend is linear from 3 (d + 1) rollouts on, and its coefficients are estimated along.
     """
     x, y = np.ascontiguousarray(x[:_MOST]), np.ascontiguousarray(y[:_MOST])
     count, size = x.shape
@@ -106,8 +105,8 @@ def active_directions(surface: ResponseSurface) -> np.ndarray:
     """(d, d): the map to coordinates in which the surface changes more alike in all directions.
 
     Its slopes at the first of its points have a second moment (d, d), whose eigenvectors become the axes
-    (active subspaces, Constantine 2015). Each is scaled by the root of the slope along it, over the largest,
-    as few rollouts do not tell slopes well; none by less than a fifth.
+    (active subspaces, Constantine 2015). Each is scaled by the root of the ratio of the slope along it to the
+    largest slope, since few rollouts do not determine slopes well. No scale is below a fifth.
     """
     size = surface.points.shape[1]
     if size == 0:
@@ -121,8 +120,9 @@ def active_directions(surface: ResponseSurface) -> np.ndarray:
 
 @kernel
 def _invert(A, row):
-    """Invert in place a matrix (N, N) whose leading minors are not 0 (Gauss and Jordan); ``row`` (N,) is for
-    work, and lets LLVM see that what is subtracted is no part of the matrix.
+    """Invert a matrix (N, N) with leading minors other than 0 in place, by Gauss and Jordan.
+
+    ``row`` (N,) is work space. It shows LLVM that what is subtracted does not overlap the matrix.
     """
     n = len(A)
     for k in range(n):
