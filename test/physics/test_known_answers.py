@@ -77,6 +77,34 @@ def test_a_box_falls_freely_past_an_edge(free, dt):
     np.testing.assert_allclose(end[10:], 0.0, atol=1e-9)
 
 
+def over_a_seam(speed, friction, dt, step=0.0, yaw=0.0):
+    """End of a salt box that slides from one table to the next, which is ``step`` metres higher."""
+    model = load_model("salt_box").prefix(300)
+    c, s = math.cos(yaw), math.sin(yaw)
+    tables = [Box((2, 2, 0.1), (-1, 0, -0.05)), Box((6, 2, 0.1), (3, 0, step - 0.05))]
+    scene = Scene.everyday([RigidBody("box", model)], environment=tables, friction=friction, exact=True, dt=dt)
+    orientation = np.array([0, 0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
+    start = state((-0.15 * c, -0.15 * s, -lowest(model)), (speed * c, speed * s, 0), orientation=orientation)
+    return start, run(scene, start, 0.3 / speed)[0]
+
+
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("speed, friction, yaw", [(0.3, 0, 0), (1.5, 0, 0), (0.8, 0, 0.3), (1.5, 0.1, 0)])
+def test_a_box_slides_over_the_seam_of_two_tables(speed, friction, yaw, dt):
+    start, end = over_a_seam(speed, friction, dt, yaw=yaw)
+    time = 0.3 / speed
+    way = np.linalg.norm((end - start)[:2])
+    assert way == pytest.approx(speed * time - 0.5 * friction * G * time**2, rel=5e-3)
+    np.testing.assert_allclose(end[[2, 6, 7, 8, 9]], start[[2, 6, 7, 8, 9]], atol=1e-3)
+
+
+@pytest.mark.parametrize("dt", [1 / 240, 1 / 1000])
+def test_a_box_stops_at_a_step_and_slides_off_one(dt):
+    assert over_a_seam(0.3, 0.0, dt, step=2e-3)[1][3] < 0.1
+    _, end = over_a_seam(0.3, 0.0, dt, step=-2e-3)
+    assert end[3] == pytest.approx(0.3, rel=0.05)
+
+
 # -- rolling -----------------------------------------------------------------------------------------
 
 CAN_RADIUS = 0.038  # m

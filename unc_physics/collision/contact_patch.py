@@ -58,7 +58,7 @@ from .contact_search import (
     side_of,
 )
 from .contact_simd import lower_supports, plane_mask
-from .element_contacts import in_element, write_element_rotation
+from .element_contacts import in_element, is_covered, write_element_rotation
 from .faces import FACES_OF_A_SPHERE, over_face
 from .implicit_workspace import (
     CANDIDATE_GAP,
@@ -140,6 +140,7 @@ def element_candidates(x, i, e, limit, horizon, world, work):
                 if count == 0:
                     return 0
     else:
+        several = len(kind) > 1
         R_ei = work.R_ij
         write_element_rotation(R, R_e, R_ei)
         t_half, reach = half_way_by(x, i, e, (vx, vy, vz), horizon, world, R_ei)
@@ -165,6 +166,11 @@ def element_candidates(x, i, e, limit, horizon, world, work):
             mx, my, mz = ux + wy * cz - wz * cy, uy + wz * cx - wx * cz, uz + wx * cy - wy * cx
             predicted = gap + horizon * (bx * mx + by * my + bz * mz)
             if min(gap, predicted) < limit:
+                if several:
+                    qx, qy, qz = rotate(R, cx, cy, cz)
+                    center = (x[i, P] + qx, x[i, P + 1] + qy, x[i, P + 2] + qz)
+                    if is_covered(world.environment, e, center, (nx, ny, nz), distance):
+                        continue
                 count = _keep_candidate(count, (bx, by, bz), (cx, cy, cz), r, gap, predicted, s, 0, work)
                 if count == 0:
                     return 0
