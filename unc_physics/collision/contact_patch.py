@@ -166,7 +166,8 @@ def element_candidates(x, i, e, limit, horizon, world, work):
             mx, my, mz = ux + wy * cz - wz * cy, uy + wz * cx - wx * cz, uz + wx * cy - wy * cx
             predicted = gap + horizon * (bx * mx + by * my + bz * mz)
             if min(gap, predicted) < limit:
-                if several:
+                # the normal of a face is along an axis
+                if several and max(abs(nx), abs(ny), abs(nz)) < 1.0:
                     qx, qy, qz = rotate(R, cx, cy, cz)
                     center = (x[i, P] + qx, x[i, P + 1] + qy, x[i, P + 2] + qz)
                     if is_covered(world.environment, e, center, (nx, ny, nz), distance):
