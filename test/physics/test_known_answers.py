@@ -82,7 +82,8 @@ def over_a_seam(speed, friction, dt, step=0.0, yaw=0.0):
     model = load_model("salt_box").prefix(300)
     c, s = math.cos(yaw), math.sin(yaw)
     tables = [Box((2, 2, 0.1), (-1, 0, -0.05)), Box((6, 2, 0.1), (3, 0, step - 0.05))]
-    scene = Scene.everyday([RigidBody("box", model)], environment=tables, friction=friction, exact=True, dt=dt)
+    box = RigidBody("box", model)
+    scene = Scene.everyday([box], environment=tables, friction=friction, exact=True, dt=dt)
     orientation = np.array([0, 0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
     start = state((-0.15 * c, -0.15 * s, -lowest(model)), (speed * c, speed * s, 0), orientation=orientation)
     return start, run(scene, start, 0.3 / speed)[0]
