@@ -22,6 +22,7 @@ from unc_physics.dynamics.implicit_stages import (
     before_groups,
     before_travel,
 )
+from unc_physics.dynamics.implicit_world import Rollout
 from unc_physics.dynamics.kinematic_bodies import begin_kinematic, end_kinematic, place_kinematic
 from unc_physics.propagators.action_directions import directions
 from unc_physics.propagators.implicit_linearization import linearized
@@ -67,8 +68,18 @@ def converge(x, root, time, world, work, method, times):
     It ends at a time [s].
     """
     begin, columns, count = x.copy(), root.copy(), 0
-    residual, rest_steps = np.zeros(len(x), np.float32), np.zeros(len(x), np.int64)
-    first_time = np.full((len(x), len(x) + len(world.environment.kind)), np.inf, np.float32)
+    rest_steps = np.zeros(len(x), np.int64)
+    rollout = Rollout(
+        np.full((len(x), len(x) + len(world.environment.kind)), np.inf, np.float32),
+        np.zeros((0, 4), np.int32),
+        np.zeros((0, 4), np.float32),
+        np.zeros(1, np.int64),
+        rest_steps,
+        np.zeros(len(x), np.float32),
+        np.uint64(0),
+        0.1,
+        0.1,
+    )
     force = np.zeros((len(work.rows), 3))
     for k in range(times):
         x[:], root[:], work.state[:] = begin, columns, begin
@@ -94,7 +105,7 @@ def converge(x, root, time, world, work, method, times):
         if k > 0:
             work.rows[:, FORCE : FORCE + 3] = force
         before_contact(method, x, count, world, work)
-        implicit_step.push_apart(x, count, world.dt, time, first_time, residual, world, 0.1, method, work)
+        implicit_step.push_apart(x, count, world.dt, time, rollout, world, method, work)
         end_kinematic(x, time, world, work)
         after_groups(method, x, time, world, work)
         force[:] = work.impulses[LASTING, :, :3] / world.dt

@@ -46,6 +46,7 @@ from unc_physics.compiler import kernel
 from unc_physics.dynamics import implicit_solver, implicit_step
 from unc_physics.dynamics.friction import weaken_with_speed
 from unc_physics.dynamics.impact_time import impact_before, time_to_impact
+from unc_physics.dynamics.implicit_world import Rollout
 from unc_physics.scene.body import shape_of
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.scene.stiffness import with_stiffness
@@ -112,28 +113,24 @@ def first_impact(left, world, work):
 def solve_impact(count, slipperiness, work):
     work.impulses[PLASTIC] = 0.0
     weaken_with_speed(slipperiness, work)
-    return implicit_solver.solve_impact(
-        work.rows,
-        work.torsion_rows,
-        work.ids,
-        work.counts,
-        work.impulses,
-        work.members,
-        count,
-        work.velocity,
-        0.1,
-    )
+    return implicit_solver.solve_impact(count, 0.1, work)
+
+
+@kernel
+def rollout(first_time, residual):
+    nothing, never = np.zeros((0, 4), np.int32), np.zeros(1, np.int64)
+    return Rollout(first_time, nothing, nothing, never, never, residual, np.uint64(0), 0.1, 0.1)
 
 
 @kernel
 def collide(x, count, first_time, residual, world, work):
-    implicit_step.collide(x, count, 0.0, 0, first_time, residual, world, 0.1, np.uint64(0), None, work)
+    implicit_step.collide(x, count, 0.0, 0, rollout(first_time, residual), world, None, work)
 
 
 @kernel
 def travel_in_contact(x, count, h, touching, first_time, residual, world, work):
     implicit_step.travel_to_contacts(x, count, h, h, touching, world, work)
-    implicit_step.push_apart(x, count, h, 0.0, first_time, residual, world, 0.1, None, work)
+    implicit_step.push_apart(x, count, h, 0.0, rollout(first_time, residual), world, None, work)
 
 
 @kernel

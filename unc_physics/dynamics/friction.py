@@ -85,7 +85,7 @@ def within_spin_limit(moment, limit):
 @inner(forceinline=True)
 def holds(row, impulse, share):
     """Return whether a contact's tangential impulse is below a share of its limit."""
-    limit = share * row[FRICTION] * impulse[0]
+    limit = share * slip_limit(row, impulse[0])
     return impulse[1] * impulse[1] + impulse[2] * impulse[2] < limit * limit
 
 
@@ -133,4 +133,4 @@ def slip_derivative(row, normal, f_t, u_t, n, yielding):
 @inner(forceinline=True)
 def spins(torsion, normal, moment, spin):
     """Return whether a contact spins, given its moment [N m s] and spin [rad/s] about the normal."""
-    return abs(moment) >= _AT_LIMIT * (torsion[REACH] * normal) and abs(spin) * torsion[REACH] > _NO_SLIP
+    return abs(moment) >= _AT_LIMIT * spin_limit(torsion, normal) and abs(spin) * torsion[REACH] > _NO_SLIP

@@ -9,7 +9,7 @@ from ..compiler import inner, kernel
 from ..compiler.arrays import integers
 from ..spatial.layout import Q
 from ..spatial.rotation import write_matrix
-from .implicit_step import integrate
+from .implicit_step import integrate, rollout_of
 from .implicit_world import SolverMemory
 from .world import World
 
@@ -67,21 +67,8 @@ def rollout_kernel(prepare):
     def attempt(done, steps, arguments, world, work, contacts):
         x, first_time, memory, n, source, begin = arguments
         method = prepare(source, world, work, contacts)
-        return done + integrate(
-            x,
-            first_time,
-            memory.contact[n],
-            memory.force[n],
-            memory.count[n : n + 1],
-            memory.rest_steps[n],
-            memory.residual[n],
-            memory.key[n],
-            world,
-            method,
-            begin + done,
-            steps - done,
-            work,
-        )
+        rollout = rollout_of(first_time, memory, n, world)
+        return done + integrate(x, rollout, world, method, begin + done, steps - done, work)
 
     complete = with_growing_room(attempt)
 
@@ -166,21 +153,9 @@ def _attempt_stops(done, total, arguments, world, work, contacts):
                 y, first, kept, k = records.states[row], records.first_time[row], records.memory, row
                 steps, dt, start, decay = 1, stops.rest[t], stops.start[t], stops.decay[t]
             if steps > 0:
-                finished = integrate(
-                    y,
-                    first,
-                    kept.contact[k],
-                    kept.force[k],
-                    kept.count[k : k + 1],
-                    kept.rest_steps[k],
-                    kept.residual[k],
-                    kept.key[k],
-                    _with_step(world, dt, start, decay),
-                    None,
-                    begin + counted[0],
-                    steps,
-                    work,
-                )
+                own = _with_step(world, dt, start, decay)
+                rollout = rollout_of(first, kept, k, own)
+                finished = integrate(y, rollout, own, None, begin + counted[0], steps, work)
                 if part == 0:
                     counted[0] += finished
                 if finished < steps:

@@ -211,13 +211,12 @@ def _is_open(impulses):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def solve(rows, torsion_rows, ids, m, law, all_impulses, members, count, velocity, still):
-    """Solve for the impulses of ``m`` contacts and the velocities ``NOW``.
+def solve(m, law, count, still, work):
+    """Solve for the impulses of ``m`` contacts and the velocities ``NOW`` of the ``count`` bodies of a group.
 
-    ``law`` is `LASTING`, `ELASTIC` or `PLASTIC`. The recorded impulses are the initial guess. ``members``
-    lists the ``count`` bodies of the group. A sweep must change no contact's velocity by more than ``still``
-    [m/s]. Among many contacts, a share of `_SLOW_SHARE` may change by more, as the slowest contact converges
-    more slowly.
+    ``law`` is `LASTING`, `ELASTIC` or `PLASTIC`. The recorded impulses are the initial guess. A sweep must
+    change no contact's velocity by more than ``still`` [m/s]. Among many contacts, a share of `_SLOW_SHARE`
+    may change by more, as the slowest contact converges more slowly.
 
     After some plain sweeps, a step along the accumulated changes follows each sweep, as in conjugate
     gradients (Silcowitz, Niebe and Erleben 2010). The number of sweeps then grows with the root of the mass
@@ -228,8 +227,10 @@ def solve(rows, torsion_rows, ids, m, law, all_impulses, members, count, velocit
     jump : float
         Largest change of a contact's velocity in the last sweep [m/s].
     """
-    own, previous, search = all_impulses[law], all_impulses[PREVIOUS], all_impulses[SEARCH]
-    best, v, before, along = all_impulses[BEST], velocity[NOW], velocity[BEFORE], velocity[ALONG]
+    rows, torsion_rows, ids, members = work.rows, work.torsion_rows, work.ids, work.members
+    impulses = work.impulses
+    own, previous, search, best = impulses[law], impulses[PREVIOUS], impulses[SEARCH], impulses[BEST]
+    v, before, along = work.velocity[NOW], work.velocity[BEFORE], work.velocity[ALONG]
     found = last = load = 0.0
     least = math.inf
     end, apart, torsional = np.uint64(m), np.uint64(max(m // _APART, 1)), len(torsion_rows) > 0
@@ -370,17 +371,15 @@ def residual_of(jump, fastest):
 
 
 @inner(fastmath=FAST, error_model="numpy")
-def solve_lasting(
-    rows, torsion_rows, ids, counts, all_impulses, members, count, velocity, factor, h, dt, threshold
-):
-    """Find all contacts' impulses over an interval ``h`` [s], and the velocities ``NOW`` at its end.
+def solve_lasting(count, factor, h, dt, threshold, work):
+    """Find all contacts' impulses over an interval ``h`` [s], and the group's velocities ``NOW`` at its end.
 
     ``factor`` is the stiffness factor (`contact_model.shallow_factor`). `find_leads` determines the speeds
     for damping; open contacts are not damped. Contacts faster than ``threshold`` [m/s] have a larger
     tolerance. Returns the residual (`residual_of`).
     """
-    m, start, free, v = counts[CONTACTS], velocity[START], velocity[FREE], velocity[NOW]
-    impulses = all_impulses[LASTING]
+    m, rows, ids, impulses = work.counts[CONTACTS], work.rows, work.ids, work.impulses[LASTING]
+    start, free, v = work.velocity[START], work.velocity[FREE], work.velocity[NOW]
     fastest = 0.0
     for c in range(m):
         row, i, j = rows[c], ids[c, 0], ids[c, 1]
@@ -413,7 +412,7 @@ def solve_lasting(
         if loaded:
             apply_impulses(row, impulses[c, 0], impulses[c, 1], impulses[c, 2], v, i, j)
     still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
-    jump = solve(rows, torsion_rows, ids, m, LASTING, all_impulses, members, count, velocity, still)
+    jump = solve(m, LASTING, count, still, work)
     return residual_of(jump, fastest)
 
 
@@ -437,15 +436,16 @@ def work_done(rows, torsion_rows, ids, m, impulses, before, after):
 
 
 @inner(noinline=True)
-def solve_impact(rows, torsion_rows, ids, counts, all_impulses, members, count, velocity, threshold):
+def solve_impact(count, threshold, work):
     """Compute the impulses `ELASTIC` of an impact of all current contacts, and the velocities ``NOW``.
 
     Newton's restitution with friction can add energy. The solution is then blended with the one without
     rebound, so that no energy is added. Both obey Coulomb's law and do not penetrate, and so does their
     blend. Returns the residual (`residual_of`).
     """
-    m, start, v = counts[CONTACTS], velocity[START], velocity[NOW]
-    elastic, plastic = all_impulses[ELASTIC], all_impulses[PLASTIC]
+    rows, torsion_rows, ids, members = work.rows, work.torsion_rows, work.ids, work.members
+    m, start, v = work.counts[CONTACTS], work.velocity[START], work.velocity[NOW]
+    elastic, plastic = work.impulses[ELASTIC], work.impulses[PLASTIC]
     fastest = 0.0
     for c in range(m):
         row = rows[c]
@@ -457,7 +457,7 @@ def solve_impact(rows, torsion_rows, ids, counts, all_impulses, members, count, 
         for d in range(4):
             elastic[c, d] = plastic[c, d] = 0.0
     still = _STILL * fastest + _MOVING * max(fastest - threshold, 0.0)
-    jump = solve(rows, torsion_rows, ids, m, ELASTIC, all_impulses, members, count, velocity, still)
+    jump = solve(m, ELASTIC, count, still, work)
     residual = residual_of(jump, fastest)
     gain, size = work_done(rows, torsion_rows, ids, m, elastic, start, v)
     if gain <= _GAIN * size:
@@ -465,7 +465,7 @@ def solve_impact(rows, torsion_rows, ids, counts, all_impulses, members, count, 
     for a in range(count):
         for k in range(6):
             v[members[a], k] = start[members[a], k]
-    jump = solve(rows, torsion_rows, ids, m, PLASTIC, all_impulses, members, count, velocity, still)
+    jump = solve(m, PLASTIC, count, still, work)
     residual = max(residual, residual_of(jump, fastest))
     base, _ = work_done(rows, torsion_rows, ids, m, plastic, start, v)
     slope = 0.0

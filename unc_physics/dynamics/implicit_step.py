@@ -51,7 +51,7 @@ from ..collision.implicit_workspace import (
     TRAVEL,
 )
 from ..collision.shapes import surface
-from ..compiler import inner
+from ..compiler import inner, kernel
 from ..spatial.layout import P, Q, V, W
 from ..spatial.rotation import rotate, write_matrix
 from .actions import push
@@ -86,6 +86,7 @@ from .implicit_stages import (
     on_sleep,
     undo_step,
 )
+from .implicit_world import Rollout
 from .kinematic_bodies import (
     begin_kinematic,
     drive,
@@ -208,13 +209,13 @@ def _takes_part(row, i, j, threshold, v):
 
 
 @inner(noinline=True)
-def collide(x, count, time, impact, first_time, residual, world, threshold, key, method, work):
+def collide(x, count, time, impact, rollout, world, method, work):
     """Apply the impulses of an impact to the contacts that it reaches.
 
     ``impact`` is its number among the impacts of the group in the step.
     """
     members, ids, counts, part, velocity = work.members, work.ids, work.counts, work.part, work.velocity
-    rows, kept = work.rows, 0
+    rows, threshold, kept = work.rows, rollout.threshold, 0
     for c in range(counts[CONTACTS]):
         if _takes_part(rows[c], ids[c, 0], ids[c, 1], threshold, velocity[START]):
             move_contact(c, kept, work)
@@ -234,20 +235,17 @@ def collide(x, count, time, impact, first_time, residual, world, threshold, key,
     if world.implicit.impact_slipperiness > 0.0:
         weaken_with_speed(world.implicit.impact_slipperiness, work)
     if is_drawn(world.implicit.impact_error):
-        disturb(
-            round((time - world.start) / world.dt), impact, len(x), key, world.implicit.impact_error, work
-        )
-    worst = solve_impact(
-        rows, work.torsion_rows, ids, counts, work.impulses, members, count, velocity, threshold
-    )
+        step = round((time - world.start) / world.dt)
+        disturb(step, impact, len(x), rollout.key, world.implicit.impact_error, work)
+    worst = solve_impact(count, threshold, work)
     after_impact(method, x, count, threshold, world, work)
     for c in range(kept):
         if work.impulses[ELASTIC, c, 0] > 0.0:
-            note_contact(first_time, ids[c, 0], ids[c, 1], time)
+            note_contact(rollout.first_time, ids[c, 0], ids[c, 1], time)
     for a in range(count):
         i = members[a]
         if part[i] > 0:
-            residual[i] = max(residual[i], worst)
+            rollout.residual[i] = max(rollout.residual[i], worst)
             for k in range(3):
                 x[i, V + k], x[i, W + k] = velocity[NOW, i, k], velocity[NOW, i, 3 + k]
             update_pace(x, i, world.bodies.radius[i], world.gravity, world.dt, work.numbers)
@@ -313,34 +311,21 @@ def _travel_back(x, count, begin, world, work):
 
 
 @inner(noinline=True)
-def push_apart(x, count, h, time, first_time, residual, world, threshold, method, work):
+def push_apart(x, count, h, time, rollout, world, method, work):
     """Apply the lasting contacts to the group, over the ``h`` seconds that it moved to them."""
     members, velocity, numbers, loaded = work.members, work.velocity, work.numbers, work.loaded
-    m = work.counts[CONTACTS]
+    m, residual = work.counts[CONTACTS], rollout.residual
     if m > 0:
         impulses = work.impulses[LASTING]
         g = world.gravity
         fall = world.dt * world.dt * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
         find_leads(work.rows, work.ids, m, world.dt, fall, velocity[FREE])
         push_in_the_middle(h, fall, world, work)
-        worst = solve_lasting(
-            work.rows,
-            work.torsion_rows,
-            work.ids,
-            work.counts,
-            work.impulses,
-            members,
-            count,
-            velocity,
-            shallow_factor(world.stiffness),
-            h,
-            world.dt,
-            threshold,
-        )
+        worst = solve_lasting(count, shallow_factor(world.stiffness), h, world.dt, rollout.threshold, work)
         for c in range(m):
             i, j = work.ids[c, 0], work.ids[c, 1]
             if impulses[c, 0] > 0.0:
-                note_contact(first_time, i, j, time)
+                note_contact(rollout.first_time, i, j, time)
                 held = holds(work.rows[c], impulses[c], _HOLDING)
                 loaded[i] += 1
                 residual[i] = max(residual[i], worst)
@@ -396,12 +381,13 @@ def fastest_closing(x, count, world, work):
 
 
 @inner(noinline=True)
-def advance_group(x, count, time, first_time, residual, world, threshold, slowest, key, method, work):
+def advance_group(x, count, time, rollout, world, method, work):
     """Advance the current group by one step: from impact to impact, then to the step's end.
 
     With ``horizon`` 0 contacts are selected by their gaps alone, for an impact.
     """
     left = horizon = world.dt
+    threshold, slowest = rollout.threshold, rollout.slowest
     impacts = cuts = 0
     kinematic = len(world.environment.actions.kinematic) > 0
     if kinematic:  # another group may have moved them
@@ -442,7 +428,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
                 read_kinematic(x, count, world, work)
             now = impact_now(left, threshold, limited, world, work)
             if now and (horizon == 0.0 or looked):  # a deeper opening contact can hide a closing one
-                collide(x, count, time, impacts, first_time, residual, world, threshold, key, method, work)
+                collide(x, count, time, impacts, rollout, world, method, work)
                 impacts += 1
                 for a in range(count):
                     work.settled[work.members[a]] = False
@@ -501,7 +487,7 @@ def advance_group(x, count, time, first_time, residual, world, threshold, slowes
                 break
         if touching:
             before_contact(method, x, count, world, work)
-        push_apart(x, count, until, time, first_time, residual, world, threshold, method, work)
+        push_apart(x, count, until, time, rollout, world, method, work)
         if until >= left:
             _remember(left, work)
             break
@@ -561,12 +547,9 @@ def _all_sleep(rest_steps, world, work):
 
 
 @inner(noinline=True)
-def advance_step(x, time, first_time, rest_steps, residual, world, threshold, slowest, key, method, work):
-    """Advance all groups by one step; return early if room overflows (`OVERFLOW`).
-
-    Contacts that close more slowly than ``slowest`` [m/s] have no impacts, whatever their restitution, except
-    edges that land.
-    """
+def advance_step(x, time, rollout, world, method, work):
+    """Advance all groups by one step; return early if room overflows (`OVERFLOW`)."""
+    rest_steps = rollout.rest_steps
     numbers, group, members = work.numbers, work.group, work.members
     moving, bodies, dt = work.moving, world.bodies, world.dt
     actions = world.environment.actions
@@ -613,7 +596,7 @@ def advance_step(x, time, first_time, rest_steps, residual, world, threshold, sl
                 travel_freely(x, i, dt, time, world.decay, world, work.R)
                 after_flight(method, x, i, world, work)
                 continue
-        advance_group(x, count, time, first_time, residual, world, threshold, slowest, key, method, work)
+        advance_group(x, count, time, rollout, world, method, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
             return
         if world.implicit.rest_steps > 0:
@@ -629,15 +612,9 @@ def advance_step(x, time, first_time, rest_steps, residual, world, threshold, sl
         after_groups(method, x, time, world, work)
 
 
-@inner
-def integrate(
-    x, first_time, contact, force, remembered, rest_steps, residual, key, world, method, begin, steps, work
-):
-    """Advance one rollout's state ``x`` (B, 13) until room overflows; return the number of steps done.
-
-    ``contact``, ``force``, ``rest_steps``, ``residual`` and ``key`` are fields of `SolverMemory`, and
-    ``remembered`` (1,) is its count. ``method`` is the data of a propagator for the stages, or None.
-    """
+@kernel
+def rollout_of(first_time, memory, n, world):
+    """Return the memory of rollout ``n`` of a `SolverMemory`, with the speeds of impacts in this world."""
     gravity = math.sqrt(world.gravity[0] ** 2 + world.gravity[1] ** 2 + world.gravity[2] ** 2)
     threshold = max(
         _SLOWEST_IMPACT, math.sqrt(2.0 * gravity * _LOWEST_FALL), _IMPACT_STEPS * gravity * world.dt
@@ -645,6 +622,27 @@ def integrate(
     slowest = threshold
     for e in range(len(world.implicit.restitution)):
         slowest = min(slowest, impact_speed(world.implicit.restitution[e], threshold))
+    return Rollout(
+        first_time,
+        memory.contact[n],
+        memory.force[n],
+        memory.count[n : n + 1],
+        memory.rest_steps[n],
+        memory.residual[n],
+        memory.key[n],
+        threshold,
+        slowest,
+    )
+
+
+@inner
+def integrate(x, rollout, world, method, begin, steps, work):
+    """Advance one rollout's state ``x`` (B, 13) until room overflows; return the number of steps done.
+
+    ``method`` is the data of a propagator for the stages, or None.
+    """
+    contact, force, remembered = rollout.contact, rollout.force, rollout.count
+    rest_steps = rollout.rest_steps
     counts, old_contact, old_force, head = work.counts, work.old_contact, work.old_force, work.head
     link, state = work.link, work.state
     for n in range(remembered[0]):
@@ -671,9 +669,7 @@ def integrate(
             counts[OVERFLOW] = NO_OVERFLOW
             before_step(method, x, step, world, work)
             time = world.start + (step + 1) * world.dt
-            advance_step(
-                x, time, first_time, rest_steps, residual, world, threshold, slowest, key, method, work
-            )
+            advance_step(x, time, rollout, world, method, work)
             if counts[OVERFLOW] == NO_OVERFLOW:
                 break
             undo_step(method, work)

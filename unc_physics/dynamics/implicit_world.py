@@ -137,6 +137,32 @@ class SolverMemory(NamedTuple):
     key: np.ndarray
 
 
+class Rollout(NamedTuple):
+    """Memory of one rollout, and the closing speeds that count as impacts in it (`implicit_step.rollout_of`).
+
+    Attributes
+    ----------
+    first_time : (B, B + E) float32
+        As in `ContactHistory`.
+    contact, force, count, rest_steps, residual, key
+        As in `SolverMemory`, without the first axis; ``count`` is (1,).
+    threshold : float
+        Closing speed above which contacts have impacts; elastic ones have a lower one (`impact_speed`) [m/s].
+    slowest : float
+        The lowest of them. Slower contacts have no impacts, except edges that land [m/s].
+    """
+
+    first_time: np.ndarray
+    contact: np.ndarray
+    force: np.ndarray
+    count: np.ndarray
+    rest_steps: np.ndarray
+    residual: np.ndarray
+    key: int
+    threshold: float
+    slowest: float
+
+
 def fresh_solver_memory(count, bodies):
     """Return the memory of new rollouts."""
     room = REMEMBERED_CONTACTS * bodies

@@ -15,6 +15,7 @@ from ..dynamics import contact_history as histories
 from ..dynamics.explicit_step import integrate
 from ..dynamics.implicit_rollout import FIRST_ROOM, with_growing_room
 from ..dynamics.implicit_step import integrate as integrate_implicit
+from ..dynamics.implicit_step import rollout_of
 from ..dynamics.rollout import rollout
 from ..dynamics.workspace import workspace
 from ..dynamics.world import Bodies, World
@@ -150,25 +151,11 @@ def _fly_until_one_stops(done, total, arguments, world, work, contacts):
     Returns the number of steps done, and ``total`` where all have stopped.
     """
     x, first, stopped, memory, n, begin = arguments
-    bodies = world.bodies
+    bodies, flight = world.bodies, rollout_of(first, memory, n, world)
     before = left = bodies.moving.sum()
     some = 1
     while left == before and some > 0 and done < total:
-        some = integrate_implicit(
-            x,
-            first,
-            memory.contact[n],
-            memory.force[n],
-            memory.count[n : n + 1],
-            memory.rest_steps[n],
-            memory.residual[n],
-            memory.key[n],
-            world,
-            None,
-            begin + done,
-            1,
-            work,
-        )
+        some = integrate_implicit(x, flight, world, None, begin + done, 1, work)
         done += some
         left = _stop(first, stopped, bodies)
     return total if left == 0 else done
