@@ -1,20 +1,21 @@
 """Shapes of the environment, one module each, with the solid in its own frame.
 
-To add a shape, write a module with a ``NAME`` and the functions ``surface``, ``bounds``, ``thickness`` and
-``flat_side``. Their argument is a row of sizes. Then add the module to `SHAPES`. All shapes must be convex.
+To add a shape, write a module with the functions ``surface``, ``bounds``, ``thickness`` and ``flat_side``.
+Their argument is a row of sizes. Then add the module's name to `NAMES`. All shapes must be convex.
 """
 
 import math
+from importlib import import_module
 
 from numba import njit
 
 from ...compiler import kernel
 from ...compiler.arrays import empty
-from . import box, capsule, cylinder, plane, sphere
 
-#: All shapes; the index is the number of the shape's kind.
-SHAPES = (plane, box, sphere, cylinder, capsule)
-KINDS = {shape.NAME: kind for kind, shape in enumerate(SHAPES)}
+#: Names of all shapes and of their modules; the index is the number of the shape's kind.
+NAMES = "plane", "box", "sphere", "cylinder", "capsule"
+SHAPES = tuple(import_module(f".{name}", __name__) for name in NAMES)
+KINDS = {name: kind for kind, name in enumerate(NAMES)}
 
 
 def _by_kind(name, nothing):

@@ -4,8 +4,6 @@ import math
 
 from ...compiler import inner
 
-NAME = "box"
-
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):

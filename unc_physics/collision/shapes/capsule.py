@@ -6,8 +6,6 @@ Its size is (radius, half the length of the straight part, 0) [m].
 from ...compiler import inner
 from .direction import unit
 
-NAME = "capsule"
-
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):

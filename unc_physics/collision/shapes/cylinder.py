@@ -5,8 +5,6 @@ import math
 from ...compiler import inner
 from .direction import unit
 
-NAME = "cylinder"
-
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):

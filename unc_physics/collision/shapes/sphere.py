@@ -3,8 +3,6 @@
 from ...compiler import inner
 from .direction import unit
 
-NAME = "sphere"
-
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
