@@ -15,6 +15,7 @@ from ..compiler.simd import LANES, lowest_bit
 from ..spatial.layout import P, V, W
 from ..spatial.rotation import cross, rotate, rotate_back, tangents
 from ..spatial.vectors import dot, minus, plus, times
+from .contact_candidates import FREE, keep_candidate, partner_sphere
 from .contact_model import reduced_radius
 from .contact_row import (
     AXIS,
@@ -59,17 +60,9 @@ from .contact_search import (
 )
 from .contact_simd import lower_supports, plane_mask
 from .element_contacts import in_element, is_covered, write_element_rotation
+from .face_outlines import element_outlines, pair_outlines
 from .faces import FACES_OF_A_SPHERE, over_face
-from .implicit_workspace import (
-    CANDIDATE_GAP,
-    CANDIDATE_NORMAL,
-    CANDIDATE_POINT,
-    CANDIDATE_SCORE,
-    CONTACTS,
-    OVERFLOW,
-    TOO_MANY_CANDIDATES,
-    TOO_MANY_CONTACTS,
-)
+from .implicit_workspace import CANDIDATE_GAP, CANDIDATE_SCORE, CONTACTS, OVERFLOW, TOO_MANY_CONTACTS
 from .shapes import bounds, surface
 
 #: Largest gap of contacts in an impact [m].
@@ -83,7 +76,7 @@ _SAME_PATCH = 0.9  # least cosine of the angle between normals of a patch
 _OVER = 0.5  # least cosine of the angle between the normals of two spheres and of a face
 _HOLLOW = 1.5e-4  # largest depth of a face contact below the sphere contact [m]; no contact begins deeper
 _HALF = math.sqrt(0.5)
-_FREE, _IN_PATCH, _CHOSEN = 0, 1, 2  # states of a candidate
+_IN_PATCH, _CHOSEN = 1, 2  # states of a candidate
 
 
 @inner(forceinline=True)
@@ -136,7 +129,7 @@ def element_candidates(x, i, e, limit, horizon, world, work):
                 gap = height + bx * c[0] + by * c[1] + bz * c[2] - r
                 predicted = later + qx * c[0] + qy * c[1] + qz * c[2] - r
                 s = world.implicit.hull_sphere[m]
-                count = _keep_candidate(count, (bx, by, bz), c, r, gap, predicted, s, 0, work)
+                count = keep_candidate(count, (bx, by, bz), c, r, gap, predicted, s, 0, work)
                 if count == 0:
                     return 0
     else:
@@ -172,9 +165,11 @@ def element_candidates(x, i, e, limit, horizon, world, work):
                     center = (x[i, P] + qx, x[i, P + 1] + qy, x[i, P + 2] + qz)
                     if is_covered(world.environment, e, center, (nx, ny, nz), distance):
                         continue
-                count = _keep_candidate(count, (bx, by, bz), (cx, cy, cz), r, gap, predicted, s, 0, work)
+                count = keep_candidate(count, (bx, by, bz), (cx, cy, cz), r, gap, predicted, s, 0, work)
                 if count == 0:
                     return 0
+        motion = (ux, uy, uz), (wx, wy, wz), (0.0, 0.0, 0.0)
+        count = element_outlines(x, i, e, count, limit, horizon, motion, kept, world, work)
     return count
 
 
@@ -250,10 +245,10 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
                 e, s = (ex[k], ey[k], ez[k]), er[k]
                 n, c, gap, speed = _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world)
                 predicted = gap + horizon * speed
-            count = _keep_candidate(count, n, c, r, gap, predicted, a, b, work)
+            count = keep_candidate(count, n, c, r, gap, predicted, a, b, work)
             if count == 0:
                 return 0
-    return count
+    return pair_outlines(x, i, j, count, limit, horizon, (u, w, o), kept, world, work)
 
 
 @inner(forceinline=True, error_model="numpy")
@@ -329,23 +324,6 @@ def _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world):
     return m, center, gap, dot(m, plus(u, minus(about_i, about_j)))
 
 
-@inner(forceinline=True)
-def _keep_candidate(count, normal, center, r, gap, score, a, b, work):
-    """Store spheres a and b as candidate number ``count``; return the new count, or 0 without room.
-
-    ``center`` and ``r`` belong to sphere a.
-    """
-    if count >= len(work.candidates):
-        work.counts[OVERFLOW] = TOO_MANY_CANDIDATES
-        return 0
-    out, ids = work.candidates[count], work.candidate_ids[count]
-    for k in range(3):
-        out[CANDIDATE_NORMAL + k], out[CANDIDATE_POINT + k] = normal[k], center[k] - r * normal[k]
-    out[CANDIDATE_GAP], out[CANDIDATE_SCORE] = gap, score
-    ids[0], ids[1], ids[2], ids[3] = a, b, _FREE, -1
-    return count + 1
-
-
 @inner(noinline=True)
 def add_contacts(x, i, j, count, tilt, speeds_only, world, work):
     """Choose contacts among the first ``count`` candidates of body i with body j, or element ``-1 - j``.
@@ -364,7 +342,7 @@ def add_contacts(x, i, j, count, tilt, speeds_only, world, work):
         before = work.counts[CONTACTS]
         seed = -1
         for k in range(count):
-            if ids[k, 2] == _FREE and (
+            if ids[k, 2] == FREE and (
                 seed < 0
                 or _deeper(ids, k, candidates[k, CANDIDATE_SCORE], seed, candidates[seed, CANDIDATE_SCORE])
             ):
@@ -376,7 +354,7 @@ def add_contacts(x, i, j, count, tilt, speeds_only, world, work):
             best[d], score[d] = -1, np.inf
         for k in range(count):
             c = candidates[k]
-            if ids[k, 2] != _FREE or c[0] * nx + c[1] * ny + c[2] * nz < _SAME_PATCH:
+            if ids[k, 2] != FREE or c[0] * nx + c[1] * ny + c[2] * nz < _SAME_PATCH:
                 continue
             ids[k, 2] = _IN_PATCH
             left -= 1
@@ -478,7 +456,7 @@ def write_contact(x, i, j, k, speeds_only, world, work):
     partner = column_of(j, len(x))
     reach = world.bodies.radius[i]
     if j >= 0:
-        rj = world.tree.radii[b]
+        rj = world.tree.radii[partner_sphere(b, world.tree.radii)]
         other = (
             arm[0] + x[i, P] - x[j, P],
             arm[1] + x[i, P + 1] - x[j, P + 1],

@@ -12,6 +12,7 @@ import numpy as np
 from ..compiler import inner
 from ..spatial.rotation import tangents
 from ..spatial.vectors import minus
+from .hull import hull_volume
 
 #: Number of directions in which the extent of a face is stored; the second half are opposites of the first.
 SIDES = 16
@@ -28,6 +29,9 @@ _FEWEST = 4
 #: the last round, relative to the packing's radius.
 _STARTS, _ROUNDS, _FAR, _NEAR = 150, 16, 0.1, 2e-4
 _SAME = 1.0 - 1e-6  # cosine of the angle between equal normals
+#: Least and largest volume of a convex solid, relative to the hull of its spheres.
+_FILLED = 0.97, 1.05
+_STRAIGHT = 1e-4  # angle by which an outline turns at a corner, at least [rad]
 
 
 class Faces(NamedTuple):
@@ -45,6 +49,10 @@ class Faces(NamedTuple):
         Extent of the face's contact points from that sphere's centre, in `SIDES` directions in the plane [m].
     of_sphere : (S, 3) int32
         Faces that each sphere touches; -1 for no face.
+    outline : (F, SIDES) int64
+        Spheres at the corners of the face's outline, counter-clockwise as seen from outside.
+    corners : (F,) int64
+        Their number; 0 for faces of bodies that are not convex, which may be hollow.
     """
 
     normal: np.ndarray
@@ -52,9 +60,11 @@ class Faces(NamedTuple):
     sphere: np.ndarray
     reach: np.ndarray
     of_sphere: np.ndarray
+    outline: np.ndarray
+    corners: np.ndarray
 
 
-def flat_faces(centers, radii, hull):
+def flat_faces(centers, radii, hull, volume):
     """Find the flat faces (`Faces`) of a packing.
 
     Parameters
@@ -65,6 +75,8 @@ def flat_faces(centers, radii, hull):
         [m]
     hull : (h,) int array
         Spheres that can touch a plane (`hull.hull_spheres`).
+    volume : float
+        Of the solid [m^3]. A solid that fills the hull of its spheres is convex, and its faces are solid.
 
     Notes
     -----
@@ -99,14 +111,37 @@ def flat_faces(centers, radii, hull):
         for s in np.flatnonzero(touches & (room < FACES_OF_A_SPHERE)):
             of_sphere[s, room[s]] = len(faces)
             room[s] += 1
-        faces.append((u, across, sphere, np.concatenate([along.max(axis=0), -along.min(axis=0)])))
+        faces.append((u, across, sphere, np.concatenate([along.max(axis=0), -along.min(axis=0)]), touches))
     return Faces(
         np.array([face[0] for face in faces]).reshape(-1, 3),
         np.array([face[1] for face in faces]).reshape(-1, 2, 3),
         np.array([face[2] for face in faces], np.int64),
         np.array([face[3] for face in faces]).reshape(-1, SIDES),
         of_sphere,
+        *_outlines(faces, centers, radii, hull, volume),
     )
+
+
+def _outlines(faces, centers, radii, hull, volume):
+    """Return the spheres at the corners of faces' outlines, and their numbers (`Faces`)."""
+    outline, corners = np.zeros((len(faces), SIDES), np.int64), np.zeros(len(faces), np.int64)
+    normals = np.array([face[0] for face in faces]).reshape(-1, 3)
+    low, high = _FILLED
+    if len(faces) == 0 or not low < volume / hull_volume(centers[hull], radii[hull], normals) < high:
+        return outline, corners
+    for k, (_, across, *_, touches) in enumerate(faces):
+        spheres = np.flatnonzero(touches)
+        flat = centers[spheres] @ across.T
+        along = flat @ np.array([_COSINES, _SINES])
+        around = spheres[np.concatenate([along.argmax(axis=0), along.argmin(axis=0)])]
+        around = around[around != np.roll(around, 1)]
+        places = centers[around] @ across.T
+        before, after = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
+        turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        kept = turn > _STRAIGHT * np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+        corners[k] = kept.sum()
+        outline[k, : corners[k]] = around[kept]
+    return outline, corners
 
 
 def _fitted(centers, radii, u):
@@ -148,7 +183,9 @@ def of_scene(models, first_sphere):
     found, first = [], 0
     for faces, begin in zip(models, first_sphere, strict=True):
         of_sphere = np.where(faces.of_sphere >= 0, faces.of_sphere + first, -1).astype(np.int32)
-        found.append(faces._replace(sphere=faces.sphere + begin, of_sphere=of_sphere))
+        found.append(
+            faces._replace(sphere=faces.sphere + begin, of_sphere=of_sphere, outline=faces.outline + begin)
+        )
         first += len(faces.sphere)
     return Faces(*map(np.concatenate, zip(*found, strict=True)))
 

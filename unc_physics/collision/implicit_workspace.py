@@ -19,6 +19,7 @@ from ..compiler.arrays import (
 from ..spatial.layout import Q
 from ..spatial.rotation import write_matrix
 from .contact_row import ROW, TORSION_ROW
+from .faces import SIDES
 from .narrow_phase import RECORD
 from .sphere_tree import AT_ONCE, Scratch
 
@@ -127,6 +128,10 @@ class ImplicitWorkspace(NamedTuple):
         frame, or of the body in the element's. Then the motion until it is rebuilt [m].
     search : Scratch
     R_ij : (3, 3) float64
+    outlines : (2, SIDES, 5) float64
+    outline_spheres : (2, SIDES) int64
+    outline_corners : (2,) int64
+        Outlines of a body's face and of its partner's: corners, their spheres and number (`face_outlines`).
     old_contact, new_contact : (K, 4) int32
     old_force, new_force : (K, 4) float32
         Memory of the last step and of this one (`SolverMemory`).
@@ -175,6 +180,9 @@ class ImplicitWorkspace(NamedTuple):
     list_pose: np.ndarray
     search: Scratch
     R_ij: np.ndarray
+    outlines: np.ndarray
+    outline_spheres: np.ndarray
+    outline_corners: np.ndarray
     old_contact: np.ndarray
     old_force: np.ndarray
     new_contact: np.ndarray
@@ -259,6 +267,9 @@ def implicit_workspace(x, kept_overlap, world, room):
         full((count, count + elements, 13), -np.inf),
         search,
         empty((3, 3)),
+        empty((2, SIDES, 5)),
+        integers((2, SIDES)),
+        integers(2),
         small_integers((remembered, 4)),
         singles((remembered, 4)),
         small_integers((remembered, 4)),

@@ -3,6 +3,7 @@
 import math
 from typing import NamedTuple
 
+from ..collision.contact_candidates import partner_sphere
 from ..collision.contact_row import AXIS, DIRECTION, MOMENT_I, MOMENT_J
 from ..collision.element_contacts import in_element
 from ..collision.shapes import surface
@@ -88,7 +89,7 @@ def contact_geometry(row, ids, gap, surface_of, position_i, world, work):
     zero, radius = (0.0, 0.0, 0.0), 0.0
     if j >= 0:
         arm_j = lever_arm(row, MOMENT_J, n, first, second)
-        radius = world.tree.radii[ids[3]]
+        radius = world.tree.radii[partner_sphere(ids[3], world.tree.radii)]
         center_j = minus(arm_j, times(gap - half + radius, n))
         apart = reach + gap - half + radius - work.kept_overlap[min(i, j), max(i, j)]
         bend_first, bend_second = times(1.0 / apart, first), times(1.0 / apart, second)

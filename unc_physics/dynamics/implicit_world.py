@@ -61,6 +61,8 @@ class Implicit(NamedTuple):
         First and last (exclusive) column of each body's hull.
     faces : Faces
         Flat faces of the models.
+    face_range : (B, 2) int64
+        First and last (exclusive) face of each body.
     extent : (B, 6) float64
         Centre and half the sides of the bounding box of each body's sphere centres, body frame [m].
     box : (B, 6) float64
@@ -83,6 +85,7 @@ class Implicit(NamedTuple):
     hull_sphere: np.ndarray
     hull_range: np.ndarray
     faces: Faces
+    face_range: np.ndarray
     extent: np.ndarray
     box: np.ndarray
     rest_steps: int
@@ -98,6 +101,7 @@ class Implicit(NamedTuple):
             restitution=self.restitution[some],
             torsion=self.torsion[some],
             hull_range=self.hull_range[bodies],
+            face_range=self.face_range[bodies],
             extent=self.extent[bodies],
             box=self.box[bodies],
             impact_error=self.impact_error._replace(identity=self.impact_error.identity[some]),

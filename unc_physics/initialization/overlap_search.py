@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 
+from ..collision.contact_candidates import partner_sphere
 from ..collision.contact_patch import add_contacts, element_candidates, pair_candidates
 from ..collision.contact_row import DIRECTION, GAP
 from ..collision.contact_search import balls_within, column_of
 from ..collision.element_contacts import element_distance
 from ..collision.implicit_workspace import (
     CANDIDATE_GAP,
+    CANDIDATE_NORMAL,
     CANDIDATE_POINT,
     CANDIDATE_SCORE,
     CONTACTS,
@@ -23,6 +25,7 @@ from ..compiler.arrays import full, singles, zeros
 from ..dynamics.implicit_step import prepare_members
 from ..spatial.layout import P
 from ..spatial.rotation import rotate, rotate_back
+from ..spatial.vectors import plus, times, triple
 
 #: Overlap that is tolerated, about that of a loaded contact [m].
 TOUCHING = 5e-5
@@ -74,20 +77,20 @@ def find_rows(x, count, reach, pair_reach, as_they_are, sides, world, work):
 
 
 @inner(forceinline=True)
-def way_out(x, i, j, a, b, gap, normal, way, world, work):
-    """Return the distance along ``way`` at which body i's sphere a leaves its partner [m].
+def way_out(x, i, j, c, ids, way, world, work):
+    """Return the distance along ``way``, body i's frame, at which a candidate leaves its partner [m].
 
-    The partner is body j's sphere b, or element ``-1 - j``. ``gap`` and ``normal`` are the current ones;
-    directions are in body i's frame.
+    ``c`` and ``ids`` are its row and its spheres. The partner is body j, or element ``-1 - j``.
     """
-    radii, distance = world.tree.radii, 0.0
+    radii, distance, gap = world.tree.radii, 0.0, c[CANDIDATE_GAP]
+    normal, r = triple(c, CANDIDATE_NORMAL), radii[ids[0]]
     if j >= 0:
-        reach = radii[a] + radii[b]
+        reach = r + radii[partner_sphere(ids[1], radii)]
         d = gap + reach
         along = d * (normal[0] * way[0] + normal[1] * way[1] + normal[2] * way[2])
         return -along + math.sqrt(max(along * along - d * d + reach * reach, 0.0))
     for _ in range(_MARCHES):
-        left = _moved_gap(x, i, j, a, distance, way, world, work)
+        left = _moved_gap(x, i, j, c, r, distance, way, world, work)
         if left >= -SOLVED:
             break
         distance -= left
@@ -95,17 +98,18 @@ def way_out(x, i, j, a, b, gap, normal, way, world, work):
 
 
 @inner
-def _moved_gap(x, i, j, a, distance, way, world, work):
-    """Return the gap of body i's sphere a from element ``-1 - j`` after a displacement [m]."""
-    e, centers = -1 - j, world.tree.centers
-    mx, my, mz = rotate(
-        work.R[i],
-        centers[a, 0] + distance * way[0],
-        centers[a, 1] + distance * way[1],
-        centers[a, 2] + distance * way[2],
-    )
+def _moved_gap(x, i, j, c, r, distance, way, world, work):
+    """Return the gap of a candidate of radius ``r`` from element ``-1 - j`` after a displacement [m]."""
+    at = plus(_center(c, r), times(distance, way))
+    mx, my, mz = rotate(work.R[i], at[0], at[1], at[2])
     px, py, pz = x[i, P] + mx, x[i, P + 1] + my, x[i, P + 2] + mz
-    return element_distance(world.environment, e, px, py, pz) - world.tree.radii[a]
+    return element_distance(world.environment, -1 - j, px, py, pz) - r
+
+
+@inner(forceinline=True)
+def _center(c, r):
+    """Return the centre of a candidate's sphere of radius ``r``, body frame [m]."""
+    return plus(triple(c, CANDIDATE_POINT), times(r, triple(c, CANDIDATE_NORMAL)))
 
 
 @inner(forceinline=True)
@@ -129,10 +133,8 @@ def choose_ways_out(x, i, j, count, sides, world, work):
         if c[0] * sx + c[1] * sy + c[2] * sz >= -_CONE:
             continue
         if c[CANDIDATE_GAP] < -TOUCHING:
-            way = way_out(
-                x, i, j, ids[k, 0], ids[k, 1], c[CANDIDATE_GAP], (c[0], c[1], c[2]), (sx, sy, sz), world, work
-            )
-            _turn_candidate(c, ids[k, 0], (sx, sy, sz), way, world)
+            way = way_out(x, i, j, c, ids[k], (sx, sy, sz), world, work)
+            _turn_candidate(c, radii[ids[k, 0]], (sx, sy, sz), way)
         elif j < 0:  # beyond a thin board, so not an obstacle
             ids[k, 2] = _LEFT_OUT
     for _ in range(_WAYS):
@@ -162,28 +164,17 @@ def choose_ways_out(x, i, j, count, sides, world, work):
             if ids[k, 2] == _OPEN and c[0] * nx + c[1] * ny + c[2] * nz > _CONE:
                 ids[k, 2] = _CHOSEN
                 if c[CANDIDATE_GAP] < -_SHALLOW:
-                    way = way_out(
-                        x,
-                        i,
-                        j,
-                        ids[k, 0],
-                        ids[k, 1],
-                        c[CANDIDATE_GAP],
-                        (c[0], c[1], c[2]),
-                        (nx, ny, nz),
-                        world,
-                        work,
-                    )
-                    _turn_candidate(c, ids[k, 0], (nx, ny, nz), way, world)
+                    way = way_out(x, i, j, c, ids[k], (nx, ny, nz), world, work)
+                    _turn_candidate(c, radii[ids[k, 0]], (nx, ny, nz), way)
                 farthest = max(farthest, -c[CANDIDATE_GAP])
         for k in range(count):
             c = candidates[k]
             if ids[k, 2] != _OPEN:
                 continue
             if j < 0:
-                gap = _moved_gap(x, i, j, ids[k, 0], farthest, (nx, ny, nz), world, work)
+                gap = _moved_gap(x, i, j, c, radii[ids[k, 0]], farthest, (nx, ny, nz), world, work)
             else:
-                reach = radii[ids[k, 0]] + radii[ids[k, 1]]
+                reach = radii[ids[k, 0]] + radii[partner_sphere(ids[k, 1], radii)]
                 d = c[CANDIDATE_GAP] + reach
                 mx, my, mz = d * c[0] + farthest * nx, d * c[1] + farthest * ny, d * c[2] + farthest * nz
                 gap = math.sqrt(mx * mx + my * my + mz * mz) - reach
@@ -204,11 +195,12 @@ def choose_ways_out(x, i, j, count, sides, world, work):
 
 
 @inner(forceinline=True)
-def _turn_candidate(c, a, normal, way, world):
-    """Set the normal of a candidate of sphere a, with a distance ``way`` [m] along it."""
+def _turn_candidate(c, r, normal, way):
+    """Set the normal of a candidate of radius ``r``, with a distance ``way`` [m] along it."""
+    center = _center(c, r)
     for d in range(3):
-        c[d] = normal[d]
-        c[CANDIDATE_POINT + d] = world.tree.centers[a, d] - world.tree.radii[a] * normal[d]
+        c[CANDIDATE_NORMAL + d] = normal[d]
+        c[CANDIDATE_POINT + d] = center[d] - r * normal[d]
     c[CANDIDATE_GAP] = c[CANDIDATE_SCORE] = -way
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..collision.contact_candidates import partner_sphere
 from ..collision.contact_row import AXIS, DIRECTION, GAP, MOMENT_I, RESTITUTION
 from ..collision.implicit_workspace import CONTACTS, FREE, START
 from ..compiler import inner, kernel
@@ -343,7 +344,8 @@ def look_at_surfaces(c, in_order, contacts, world, work):
             out[m] = 0.0
     if j >= 0:
         n = (-n[0], -n[1], -n[2])
-        rolling(n, first, second, j, ids[c, 3], work.R[j], world, contacts.tilts, contacts.rolled, out[5:10])
+        b = partner_sphere(ids[c, 3], world.tree.radii)
+        rolling(n, first, second, j, b, work.R[j], world, contacts.tilts, contacts.rolled, out[5:10])
 
 
 @inner

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..collision.contact_candidates import partner_sphere
 from ..collision.contact_row import DIRECTION, GAP
 from ..collision.implicit_workspace import CONTACTS, ELASTIC, LASTING
 from ..collision.narrow_phase import DISTANCE, NORMAL, RECORD, VOLUME
@@ -157,7 +158,8 @@ def _record_pair(first, law, world, work, contacts):
     while c < work.counts[CONTACTS] and ids[c, 0] == i and ids[c, 1] == j:
         row = rows[c]
         if j >= 0 and impulses[c, 0] > 0.0 and not (law == LASTING and sticks(row, impulses[c])):
-            record, a, b = contacts.search.records[found], ids[c, 2], ids[c, 3]
+            record, a = contacts.search.records[found], ids[c, 2]
+            b = partner_sphere(ids[c, 3], world.tree.radii)
             n = rotate_back(contacts.R[i], -row[DIRECTION], -row[DIRECTION + 1], -row[DIRECTION + 2])
             record[NORMAL], record[NORMAL + 1], record[NORMAL + 2] = n[0], n[1], n[2]
             record[DISTANCE] = row[GAP] + world.tree.radii[a] + world.tree.radii[b]

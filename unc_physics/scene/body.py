@@ -256,12 +256,15 @@ class CollisionShape:
         [m]
     tree : tuple
         Sphere tree (`collision.sphere_tree.build`).
+    volume : float
+        Of the solid, which decides whether its faces are solid [m^3].
     """
 
-    def __init__(self, centers: np.ndarray, radii: np.ndarray):
+    def __init__(self, centers: np.ndarray, radii: np.ndarray, volume: float):
         # writable copies: read-only arrays would compile every kernel again
         self.centers, self.radii = np.array(centers), np.array(radii)
         self.tree = sphere_tree.build(self.centers, self.radii)
+        self.volume = volume
 
     @cached_property
     def hull(self) -> np.ndarray:
@@ -271,15 +274,16 @@ class CollisionShape:
     @cached_property
     def faces(self) -> Faces:
         """Flat faces (`collision.faces.flat_faces`)."""
-        return flat_faces(self.centers, self.radii, self.hull)
+        return flat_faces(self.centers, self.radii, self.hull, self.volume)
 
 
 def shape_of(model: SpherePacking) -> CollisionShape:
-    """Return the collision shape of a packing, which all packings with the same spheres share."""
+    """Return the collision shape of a packing, which packings with the same spheres and volume share."""
     if model not in _shape_of:
-        key = hashlib.sha256(model.centers.tobytes() + model.radii.tobytes()).digest()
+        volume = float(model.volume)
+        key = hashlib.sha256(model.centers.tobytes() + model.radii.tobytes() + volume.hex().encode()).digest()
         shape = _shapes.get(key)
         if shape is None:
-            shape = _shapes[key] = CollisionShape(model.centers, model.radii)
+            shape = _shapes[key] = CollisionShape(model.centers, model.radii, volume)
         _shape_of[model] = shape
     return _shape_of[model]

@@ -488,6 +488,7 @@ class Scene:
         ends = np.cumsum([0, *map(len, hulls)])
         some = np.concatenate([hull + first for hull, first in zip(hulls, first_sphere[:-1], strict=True)])
         reach = [shape.radii[:, None] for shape in shapes]
+        last_face = np.cumsum([0, *(len(shape.faces.sphere) for shape in shapes)])
         given = [surface.torsional_friction for surface in self.surfaces]
         torsion = np.array([-1.0 if value is None else value for value in given])
         return Implicit(
@@ -499,6 +500,7 @@ class Scene:
             hull_sphere=some,
             hull_range=np.column_stack([ends[:-1], ends[1:]])[index_of],
             faces=of_scene([shape.faces for shape in shapes], first_sphere[:-1]),
+            face_range=np.column_stack([last_face[:-1], last_face[1:]])[index_of],
             extent=np.array([_box(shape.centers, shape.centers) for shape in shapes])[index_of],
             box=np.array([_box(s.centers - r, s.centers + r) for s, r in zip(shapes, reach, strict=True)])[
                 index_of
