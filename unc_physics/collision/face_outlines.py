@@ -13,9 +13,9 @@ from ..spatial.vectors import dot, minus, plus, times
 from .contact_candidates import keep_candidate
 from .contact_search import relative_pose
 from .element_contacts import in_element, write_element_rotation
-from .shapes import KINDS, box
+from .shapes import KINDS
 
-_BOX = KINDS[box.NAME]
+_BOX = KINDS["box"]
 _FACING = 0.95  # least cosine of the angle between one normal and the opposite of the other
 _DEEPEST = 0.1  # largest depth, relative to the radius of the smaller body
 _SLACK = 1e-6  # distance outside an outline that counts as inside [m]
