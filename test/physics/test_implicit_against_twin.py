@@ -176,8 +176,8 @@ class Stage:
 
     def spheres(self, i, j, a, b):
         """Numbers of two of the trees' spheres in their own bodies."""
-        first = self.first_spheres
-        return int(a - first[i]), int(b - first[j]) if j >= 0 else 0
+        first, (kind, sphere) = self.first_spheres, divmod(b, len(self.world.tree.radii))
+        return int(a - first[i]), int(twin.KINDS * kind + sphere - first[j]) if j >= 0 else int(b)
 
     @property
     def first_spheres(self):
@@ -208,7 +208,9 @@ class Stage:
         """Let contacts of body i with body j, by their spheres, have carried normal forces [N]."""
         first = self.first_spheres
         for n, ((a, b), force) in enumerate(zip(spheres, np.broadcast_to(forces, len(spheres)), strict=True)):
-            self.work.old_contact[n] = i, j, a + first[i], b + first[j] if j >= 0 else 0
+            kind, sphere = divmod(b, twin.KINDS)
+            partner = kind * len(self.world.tree.radii) + sphere + first[j] if j >= 0 else b
+            self.work.old_contact[n] = i, j, a + first[i], partner
             self.work.old_force[n] = force, 0.0, 0.0, 0.0
             self.work.link[n] = n + 1 if n + 1 < len(spheres) else -1
         self.work.head[i] = 0
@@ -406,7 +408,7 @@ def model_named(name):
 def found_faces(model):
     """(normal, spheres that touch) of each face that the package finds."""
     centers, radii = np.array(model.centers), np.array(model.radii)
-    faces = flat_faces(centers, radii, hull_spheres(centers, radii))
+    faces = flat_faces(centers, radii, hull_spheres(centers, radii), model.volume)
     return [
         twin.Face(n, np.flatnonzero((faces.of_sphere == k).any(axis=1))) for k, n in enumerate(faces.normal)
     ]

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
+from unc_physics import Box
 from unc_physics.scene.body import shape_of
 
 from .states import P, Q, V, W
@@ -39,6 +40,11 @@ HOLLOW = 1.5e-4
 SMOOTHING, CUT, AXIAL, WIDTH, TURNED, FARTHEST = 4e-3, 5.0, 0.05, 0.2, 1e-3, 5.0
 #: Overlap that contacts always push out [m], and the speed at which they push out unexplained overlap [m/s].
 SLACK, RECOVERY = 2e-5, 0.05
+#: FACING: least cosine of the angle between faces that carry each other. DEEPEST: their largest depth,
+#: relative to the smaller radius. NEAR_EDGE: distance outside an outline that counts as inside [m].
+FACING, DEEPEST, NEAR_EDGE = 0.95, 0.1, 1e-6
+#: Added to the sphere of the partner for each kind of contact of outlines.
+KINDS = 10**6
 #: ROLL_DEPTH: least depth at which a cylinder's contact is as wide as the part of a patch that rolls together
 #: [m]. ROLL_SHARE: limit of that depth. BESIDE: distance along the axis within which contacts share their
 #: places. Both are relative to the radius. LEAST_COMPLIANCE: least compliance of a moved contact, relative to
@@ -71,17 +77,23 @@ class Contact(NamedTuple):
 
 
 class Face(NamedTuple):
-    """A flat face: its outward normal in the body frame, and the numbers of the spheres that touch it."""
+    """A flat face: its outward normal in the body frame, the numbers of the spheres that touch it, and of
+    those at the corners of its outline, if it is solid.
+    """
 
     normal: np.ndarray
     touching: np.ndarray
+    outline: np.ndarray = np.zeros(0, int)
 
 
 @cache
 def faces_in_use(model):
     """Return the flat faces that the package found, which `flat_faces` checks."""
     found = shape_of(model).faces
-    return [Face(n, np.flatnonzero((found.of_sphere == k).any(axis=1))) for k, n in enumerate(found.normal)]
+    return [
+        Face(n, np.flatnonzero((found.of_sphere == k).any(axis=1)), found.outline[k, : found.corners[k]])
+        for k, n in enumerate(found.normal)
+    ]
 
 
 def flat_faces(model):
@@ -177,7 +189,7 @@ def candidates(scene, x, i, j, horizon, limit=None):
             predicted = gap + horizon * n @ vi[a]
             if min(gap, predicted) < limit:
                 found.append(Contact(i, j, a, 0, n, ci[a] - ri[a] * n, gap, predicted, ci[a], None, ri[a]))
-        return found
+        return found + outline_contacts(scene, x, i, j, horizon, limit)
     cj, rj = centers(scene.bodies[j], x[j]), scene.bodies[j].model.radii
     vj = _speed_at(x[j], cj, scene.gravity, horizon, scene.bodies[j].fixed)
     away = ci[:, None] - cj[None]
@@ -201,7 +213,120 @@ def candidates(scene, x, i, j, horizon, limit=None):
                 *(center, inner, ri[a] * rj[b] / (ri[a] + rj[b]), on_face),
             )
         )
-    return found
+    return found + outline_contacts(scene, x, i, j, horizon, limit)
+
+
+class Outline(NamedTuple):
+    """Corners (n, 3) of a solid face or of a box's side, counter-clockwise as seen from outside, the numbers
+    of their spheres, and the outward normal; world frame.
+    """
+
+    normal: np.ndarray
+    corners: np.ndarray
+    spheres: np.ndarray
+
+
+def outlines_of(scene, x, k):
+    """Return the outlines of body k, or of element ``-1 - k``."""
+    if k >= 0:
+        model, R = scene.bodies[k].model, Rotation.from_quat(x[k, Q]).as_matrix()
+        return [
+            Outline(
+                R @ face.normal,
+                x[k, P] + (model.centers[face.outline] + model.radii[face.outline, None] * face.normal) @ R.T,
+                face.outline,
+            )
+            for face in faces_in_use(model)
+            if len(face.outline)
+        ]
+    element, out = scene.environment[-1 - k], []
+    for axis in range(3) if isinstance(element, Box) else ():
+        for sign in (1.0, -1.0):
+            signs = np.zeros((4, 3))
+            signs[:, axis] = sign
+            signs[:, (axis + 1) % 3] = 1.0, -1.0, -1.0, 1.0
+            signs[:, (axis + 2) % 3] = sign, sign, -sign, -sign
+            corners = element.position + 0.5 * np.array(element.size) * signs @ element.rotation.T
+            out.append(Outline(sign * element.rotation[:, axis], corners, np.arange(4)))
+    return out
+
+
+def outline_contacts(scene, x, i, j, horizon, limit):
+    """Return contacts where outlines of body i and of body j, or element ``-1 - j``, overlap.
+
+    These are the corners of one over the other, and the crossings of their edges. Corners of body i on an
+    element are left out, as they are spheres. Only the faces that separate best count.
+    """
+    reach = min(scene.bodies[k].model.bounding_radius for k in (i, j) if k >= 0)
+    best, deepest = [], -DEEPEST * reach
+    for own in outlines_of(scene, x, i):
+        for other in outlines_of(scene, x, j):
+            if own.normal @ other.normal > -FACING:
+                continue
+            places = _overlap_places(scene, x, i, j, own, other)
+            lowest = min((gap for _, _, gap, *_ in places), default=-np.inf)
+            if lowest >= deepest:
+                best, deepest = places, lowest
+    out = []
+    for normal, at, gap, a, b in best:
+        speeds = [_speed_at(x[i], at, scene.gravity, horizon)]
+        if j >= 0:
+            speeds.append(_speed_at(x[j], at, scene.gravity, horizon, scene.bodies[j].fixed))
+        predicted = gap + horizon * normal @ (speeds[0] - (speeds[1] if j >= 0 else 0.0))
+        if min(gap, predicted) >= limit:
+            continue
+        r, inner = scene.bodies[i].model.radii[a], None
+        center = at + r * normal
+        if j >= 0:
+            other = scene.bodies[j].model.radii[b % KINDS]
+            inner, r = at - (gap + other) * normal, r * other / (r + other)
+        out.append(Contact(i, j, int(a), int(b), normal, at, gap, predicted, center, inner, r, True))
+    return out
+
+
+def _overlap_places(scene, x, i, j, own, other):
+    """Return (normal, place on body i, gap, a, b) of the corners and crossings of two outlines."""
+    first, second = frame(other.normal)
+    flat = [outline.corners @ np.column_stack([first, second]) for outline in (own, other)]
+    out = []
+    for k, corner in enumerate(own.corners if j >= 0 else ()):
+        if _is_in(flat[0][k], flat[1]):
+            r, a = scene.bodies[i].model.radii[own.spheres[k]], own.spheres[k]
+            at = corner - r * own.normal - r * other.normal
+            out.append(
+                (other.normal, at, other.normal @ (at - other.corners[0]), a, KINDS + other.spheres[0])
+            )
+    for k, corner in enumerate(other.corners):
+        if _is_in(flat[1][k], flat[0]):
+            gap = own.normal @ (corner - own.corners[0])
+            b = 2 * KINDS + other.spheres[k] if j >= 0 else 1 + k
+            out.append((-own.normal, corner - gap * own.normal, gap, own.spheres[0], b))
+    for k, corner in enumerate(own.corners):
+        along = np.roll(own.corners, -1, axis=0)[k] - corner
+        for m, start in enumerate(other.corners):
+            beside = np.roll(other.corners, -1, axis=0)[m] - start
+            # where a line across the partner's face meets both edges
+            s, t, _ = np.linalg.solve(np.column_stack([along, -beside, other.normal]), start - corner)
+            if min(s, t) < 0.0 or max(s, t) > 1.0:
+                continue
+            n = np.cross(along, beside)
+            n *= np.sign(n @ other.normal) / np.linalg.norm(n)
+            if min(n @ other.normal, -n @ own.normal) < -own.normal @ other.normal - 1e-9:
+                n = other.normal
+            at = corner + s * along
+            b = 3 * KINDS + other.spheres[m] if j >= 0 else 5 + m
+            out.append((n, at, n @ (at - start - t * beside), own.spheres[k], b))
+    return out
+
+
+def _is_in(point, corners):
+    """Return whether a point is in a convex polygon, or hardly outside."""
+    if len(corners) < 3:
+        return False
+    sides = np.roll(corners, -1, axis=0) - corners
+    sides /= np.linalg.norm(sides, axis=1)[:, None]
+    away = sides[:, 0] * (point - corners)[:, 1] - sides[:, 1] * (point - corners)[:, 0]
+    return (away >= -NEAR_EDGE).all() or (away <= NEAR_EDGE).all()
 
 
 class Own(NamedTuple):

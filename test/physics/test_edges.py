@@ -1,0 +1,184 @@
+"""Bodies near edges: they stay where their centre of mass is over the support, and fall elsewhere.
+
+The support is that of the solids, to 2 mm: the outermost spheres of a packing are inset by less than 1 mm.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from plain_scenes import G, run, state, turned
+from scipy.spatial import ConvexHull
+
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    RigidBody,
+    Scene,
+    load_model,
+    make_propagator,
+    predict,
+    rounded_box,
+)
+from unc_physics.collision.hull import hull_spheres, hull_volume
+from unc_physics.geometry.packing import pack_solid
+from unc_physics.geometry.primitives import primitive
+from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.scene.body import shape_of
+from unc_physics.scene.environment import Box, Plane
+from unc_physics.scene.stiffness import with_stiffness
+
+TABLE = Box((0.4, 0.6, 0.02), (-0.2, 0.0, -0.01))  # its edge is at x = 0
+STEPS = pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+INSET = pytest.mark.parametrize("inset", [-2e-3, 2e-3, 5e-3])  # of the centre of mass from the edge [m]
+
+
+@cache
+def packed_box(size, count):
+    return pack_solid(make_solid("box", *primitive("box", size)), count)
+
+
+def drop(scene, name, time=0.8, **states):
+    """Height by which a body falls [m]."""
+    belief = Belief.of(scene, {key: BodyBelief(**values) for key, values in states.items()})
+    body = predict(scene, belief, make_propagator("monte_carlo", samples=1), time)[name]
+    return states[name]["position"][2] - body.position[2]
+
+
+def assert_stands(height, inset):
+    if inset > 0.0:
+        assert abs(height) < 5e-4
+    else:
+        assert height > 0.02
+
+
+@STEPS
+@INSET
+@pytest.mark.parametrize("count", [100, 300, 1000])
+def test_a_box_on_a_box_tips_at_its_edge(count, inset, dt):
+    lower, upper = packed_box((0.2, 0.1, 0.05), count), packed_box((0.1, 0.08, 0.06), count)
+    bodies = [RigidBody("upper", upper, 0.3), RigidBody("lower", lower, 2.0)]
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()], dt=dt)
+    places = {
+        "upper": {"position": (0.1 - inset, 0.01, 0.08), "orientation": turned(0, 0, 0.3)},
+        "lower": {"position": (0, 0, 0.025)},
+    }
+    assert_stands(drop(scene, "upper", **places), inset)
+
+
+@STEPS
+@INSET
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+@pytest.mark.parametrize("at_rest", [False, True])
+@pytest.mark.parametrize("count", [100, 1000])
+def test_a_box_tips_at_the_edge_of_a_table(count, at_rest, turn, inset, dt):
+    body = RigidBody("box", load_model("salt_box").prefix(count), at_rest=at_rest)
+    scene = Scene.everyday([body], exact=True, environment=[TABLE], dt=dt)
+    assert_stands(
+        drop(scene, "box", box={"position": (-inset, 0, 0.061), "orientation": turned(0, 0, turn)}), inset
+    )
+
+
+@STEPS
+@INSET
+def test_eight_spheres_of_a_rounded_box_tip_at_the_edge_of_a_table(inset, dt):
+    body = RigidBody("box", rounded_box((0.1, 0.08, 0.06), 0.005).prefix(8), 1.0)
+    scene = Scene.everyday([body], exact=True, environment=[TABLE], dt=dt)
+    assert_stands(drop(scene, "box", box={"position": (-inset, 0, 0.03)}), inset)
+
+
+@STEPS
+@pytest.mark.parametrize("radius", [0.5e-3, 1e-3, 2e-3, 5e-3])
+@pytest.mark.parametrize("inset", [-2e-3, 2e-3, 0.02])
+def test_rounded_boxes_carry_each_other_between_their_spheres(inset, radius, dt):
+    """The edge of the flat face is inset by the radius."""
+    model = rounded_box(0.1, radius)
+    scene = Scene.everyday(
+        [RigidBody("upper", model, 1.0), RigidBody("lower", model, 1.0)],
+        exact=True,
+        environment=[Plane()],
+        dt=dt,
+    )
+    places = {"upper": {"position": (0.05 - radius - inset, 0.01, 0.15)}, "lower": {"position": (0, 0, 0.05)}}
+    assert_stands(drop(scene, "upper", **places), inset)
+
+
+@STEPS
+def test_rounded_boxes_land_on_each_other(dt):
+    """The upper one falls 2 cm, turned so that no spheres meet."""
+    model = rounded_box(0.1, 1e-3)
+    scene = Scene.everyday(
+        [RigidBody("upper", model, 1.0), RigidBody("lower", model, 1.0)],
+        exact=True,
+        environment=[Plane()],
+        dt=dt,
+    )
+    places = {
+        "upper": {"position": (0.011, 0.007, 0.17), "orientation": turned(0, 0, 0.4)},
+        "lower": {"position": (0, 0, 0.05)},
+    }
+    assert drop(scene, "upper", **places) == pytest.approx(0.02, abs=3e-4)
+
+
+@STEPS
+def test_a_box_tips_about_an_edge_with_its_energy_kept(dt):
+    """Kinetic energy ``m g`` times the drop, without slip: up to 35 degrees."""
+    model = packed_box((0.1, 0.08, 0.06), 300)
+    body = RigidBody("box", model, 1.0, friction=3.0, restitution=0.0)
+    table = Box((0.4, 0.6, 0.02), (-0.2, 0.0, -0.01), friction=3.0)
+    scene = Scene.everyday([body], exact=True, environment=[table], dt=dt)
+    x = state((0.01, 0, 0.03))
+    scene = with_stiffness(scene, x.reshape(1, 13))
+    seen = 0
+    for time in np.arange(0.25, 0.6, 0.05):
+        end = run(scene, x, time)[0]
+        tilt = 2.0 * np.arcsin(np.linalg.norm(end[6:9]))
+        if not 0.05 < tilt < 0.6:
+            continue
+        seen += 1
+        kinetic = 0.5 * (end[3:6] @ end[3:6] + end[10:] @ model.inertia @ end[10:])
+        assert kinetic == pytest.approx(G * (0.03 - end[2]), rel=0.05)
+        # the edge of the table stays on the face
+        axis = np.array([np.sin(tilt), np.cos(tilt)])
+        assert axis @ (end[[0, 2]] - 0.0) == pytest.approx(0.03, abs=3e-4)
+    assert seen >= 2
+
+
+@STEPS
+def test_a_small_box_falls_into_a_bin(dt):
+    """Its opening is no face, although spheres of the rim touch a plane."""
+    small = rounded_box(0.03, 1e-3)
+    scene = Scene.everyday(
+        [RigidBody("small", small, 0.1), RigidBody("bin", load_model("bin"), fixed=True)], exact=True, dt=dt
+    )
+    top = (load_model("bin").centers[:, 2] + load_model("bin").radii).max()
+    fallen = drop(scene, "small", small={"position": (0, 0, top + 0.016)}, bin={"position": (0, 0, 0)})
+    assert fallen > 0.1
+
+
+@pytest.mark.parametrize(
+    "name, solid", [("salt_box", True), ("brick", True), ("can", False), ("mug", False), ("bin", False)]
+)
+def test_faces_of_convex_bodies_have_outlines(name, solid):
+    """Their corners are those of the hull of the places where spheres touch the face."""
+    model = load_model(name).prefix(300)
+    faces = shape_of(model).faces
+    assert (faces.corners > 0).all() if solid else (faces.corners == 0).all()
+    for k, normal in enumerate(faces.normal if solid else ()):
+        touching = np.flatnonzero((faces.of_sphere == k).any(axis=1))
+        flat = model.centers[touching] @ faces.across[k].T
+        corners = model.centers[faces.outline[k, : faces.corners[k]]] @ faces.across[k].T
+        sides = np.roll(corners, -1, axis=0) - corners
+        after = np.roll(sides, -1, axis=0)
+        assert (sides[:, 0] * after[:, 1] > sides[:, 1] * after[:, 0]).all()  # counter-clockwise
+        assert ConvexHull(corners).volume == pytest.approx(ConvexHull(flat).volume, rel=1e-6)
+        assert np.cross(*faces.across[k]) == pytest.approx(normal)
+
+
+@pytest.mark.parametrize("size, radius", [(0.1, 1e-3), ((0.3, 0.2, 0.01), 5e-3), ((0.05, 0.1, 0.2), 0.02)])
+def test_the_volume_of_a_hull_is_that_of_the_solid(size, radius):
+    model = rounded_box(size, radius)
+    hull = hull_spheres(np.array(model.centers), np.array(model.radii))
+    shape = shape_of(model)
+    volume = hull_volume(shape.centers[hull], shape.radii[hull], shape.faces.normal)
+    assert volume == pytest.approx(model.volume, rel=0.015)
