@@ -19,11 +19,11 @@ def rounded_box(
 ) -> SpherePacking:
     """A solid box whose edges and corners are rounded, its corners first.
 
-    The hull of the first eight spheres is the rounded box, so on planes, and on the flat sides of larger
-    boxes, ``rounded_box(...).prefix(8)`` lies, tips and rolls over its edges as the solid does. The others
-    lie along the edges and faces, and carry other bodies: a ball of 10 mm sinks in by at most 2 mm between
-    them, if the edges' radius is at most 5 mm and the sides at most 20 cm. Elsewhere the gaps are larger:
-    pack `shapes.rounded_box` there.
+    The hull of the first eight spheres is the rounded box, so on planes, on sides of boxes, and on flat faces
+    of convex bodies, ``rounded_box(...).prefix(8)`` lies, tips and rolls over its edges as the solid does.
+    The others lie along the edges and faces, and carry bodies of other shapes: a ball of 10 mm sinks in by at
+    most 2 mm between them, if the edges' radius is at most 5 mm and the sides at most 20 cm. Elsewhere the
+    gaps are larger: pack `shapes.rounded_box` there.
 
     Parameters
     ----------
