@@ -101,9 +101,10 @@ def test_a_box_slides_over_the_seam_of_two_tables(speed, friction, yaw, dt):
 
 @pytest.mark.parametrize("dt", [1 / 240, 1 / 1000])
 def test_a_box_stops_at_a_step_and_slides_off_one(dt):
+    """The edge of the step pushes the tilted box ahead: to 0.320 m/s in MuJoCo."""
     assert over_a_seam(0.3, 0.0, dt, step=2e-3)[1][3] < 0.1
     _, end = over_a_seam(0.3, 0.0, dt, step=-2e-3)
-    assert end[3] == pytest.approx(0.3, rel=0.05)
+    assert end[3] == pytest.approx(0.32, rel=0.02)
 
 
 # -- rolling -----------------------------------------------------------------------------------------

@@ -38,21 +38,22 @@ def pair_outlines(x, i, j, found, limit, horizon, motion, kept, world, work):
     R_ij = work.R_ij
     t = relative_pose(x, i, j, work.R, R_ij)
     deepest = -_DEEPEST * min(world.bodies.radius[i], world.bodies.radius[j])
+    highest = limit - kept + horizon * _pace(motion, world.bodies.radius[i], world.bodies.radius[j])
     first, count = found, found
     for f in range(ranges[i, 0], ranges[i, 1]):
         if faces.corners[f] == 0:
             continue
         p = faces.normal[f, 0], faces.normal[f, 1], faces.normal[f, 2]
+        v = rotate_back(R_ij, p[0], p[1], p[2])
         for g in range(ranges[j, 0], ranges[j, 1]):
-            if faces.corners[g] == 0:
+            q = faces.normal[g, 0], faces.normal[g, 1], faces.normal[g, 2]
+            if faces.corners[g] == 0 or dot(v, q) > -_FACING:
                 continue
-            q = rotate(R_ij, faces.normal[g, 0], faces.normal[g, 1], faces.normal[g, 2])
-            if dot(p, q) > -_FACING:
-                continue
+            q = rotate(R_ij, q[0], q[1], q[2])
             _load_body(f, (0.0, 0.0, 0.0), _OWN, False, world, work)
             _load_body(g, t, _OTHER, True, world, work)
             count, deepest = _overlap(
-                first, count, deepest, p, q, True, limit, horizon, motion, t, kept, world, work
+                first, count, deepest, highest, p, q, True, limit, horizon, motion, t, kept, world, work
             )
             if count < 0:
                 return 0
@@ -72,6 +73,7 @@ def element_outlines(x, i, e, found, limit, horizon, motion, kept, world, work):
     write_element_rotation(work.R[i], world.environment.R[e], R_ei)
     t = in_element(world.environment.position, world.environment.R, e, x[i, 0], x[i, 1], x[i, 2])
     deepest = -_DEEPEST * world.bodies.radius[i]
+    highest = limit - kept + horizon * _pace(motion, world.bodies.radius[i], 0.0)
     first, count = found, found
     for f in range(ranges[i, 0], ranges[i, 1]):
         if faces.corners[f] == 0:
@@ -97,11 +99,18 @@ def element_outlines(x, i, e, found, limit, horizon, motion, kept, world, work):
             _put_corner(_OTHER, k, rotate_back(R_ei, corner[0], corner[1], corner[2]), k, work)
         work.outline_corners[_OTHER] = 4
         count, deepest = _overlap(
-            first, count, deepest, p, q, False, limit, horizon, motion, t, kept, world, work
+            first, count, deepest, highest, p, q, False, limit, horizon, motion, t, kept, world, work
         )
         if count < 0:
             return 0
     return count
+
+
+@inner(forceinline=True)
+def _pace(motion, radius, other):
+    """Return a bound on the speed at which points of bodies of two radii approach each other [m/s]."""
+    u, w, o = motion
+    return math.sqrt(dot(u, u)) + radius * math.sqrt(dot(w, w)) + other * math.sqrt(dot(o, o))
 
 
 @inner(forceinline=True)
@@ -153,10 +162,11 @@ def _is_inside(which, a, b, work):
 
 
 @inner(noinline=True)
-def _overlap(first, count, deepest, p, q, pair, limit, horizon, motion, t, kept, world, work):
+def _overlap(first, count, deepest, highest, p, q, pair, limit, horizon, motion, t, kept, world, work):
     """Write candidates of the overlap of two outlines, if it separates better than those from ``first`` on.
 
-    ``p`` and ``q`` are the outward normals of body i's face and of its partner's.
+    ``p`` and ``q`` are the outward normals of body i's face and of its partner's. Faces that are farther
+    apart than ``highest`` [m] do not touch within the horizon.
 
     Returns
     -------
@@ -168,15 +178,16 @@ def _overlap(first, count, deepest, p, q, pair, limit, horizon, motion, t, kept,
     own, other = work.outline_corners[_OWN], work.outline_corners[_OTHER]
     e1, e2 = tangents(q)
     p0, q0 = _corner(_OWN, 0, work), _corner(_OTHER, 0, work)
-    level = -math.inf
+    level, least = -math.inf, math.inf
     for which in range(2):
         for k in range(work.outline_corners[which]):
             place = _corner(which, k, work)
             if which == _OWN:
-                level = max(level, dot(q, minus(place, q0)))
+                height = dot(q, minus(place, q0))
+                level, least = max(level, height), min(least, height)
             work.outlines[which, k, _ACROSS] = dot(e1, place)
             work.outlines[which, k, _ACROSS + 1] = dot(e2, place)
-    if level < deepest:
+    if level < deepest or _FACING * least > highest:  # gaps are along either normal
         return count, deepest
     # two passes: the deepest place decides whether candidates are written
     lowest, written = math.inf, first
