@@ -152,24 +152,10 @@ def corrected(
         mine = np.flatnonzero(groups == groups[k])
         columns = (ERROR * mine[:, None] + np.arange(ERROR)).ravel()
         columns = np.concatenate([columns, np.arange(ERROR * len(moving), errors.shape[1])])
-        limits = np.array(gates) * len(seen.noise) / 6.0
-        square, density, accepted = correct_errors(
-            mean,
-            errors,
-            k,
-            one.body,
-            place[one.reference],
-            one.reference,
-            columns,
-            seen.kind,
-            seen.value,
-            seen.point,
-            seen.noise,
-            one.delay,
-            limits[0],
-            limits[1],
-            change,
-        )
+        pair = _Pair(one.body, k, one.reference, place[one.reference])
+        reading = _Reading(seen.kind, seen.value, seen.point, seen.noise, one.delay)
+        own_gates = Gates(*(np.array(gates) * len(seen.noise) / 6.0))
+        square, density, accepted = correct_errors(mean, errors, columns, pair, reading, own_gates, change)
         innovations.append(Innovation(square, density, accepted))
         if accepted:
             changed = True
@@ -193,29 +179,34 @@ def _move_mean(mean, bodies, change, rows):
         boxplus(before, change[row : row + ERROR], mean[body])
 
 
+class _Pair(NamedTuple):
+    """The measured body and the one that it refers to, and their places among the moving bodies.
+
+    The place of a body that does not move is -1.
+    """
+
+    body: int
+    place: int
+    reference: int
+    reference_place: int
+
+
+class _Reading(NamedTuple):
+    """Fields of an `Observation` for the kernel, and its delay [s]."""
+
+    kind: int
+    value: np.ndarray
+    point: np.ndarray
+    noise: np.ndarray
+    delay: float
+
+
 @kernel(noinline=True)
-def correct_errors(
-    mean,
-    errors,
-    k,
-    body,
-    reference_k,
-    reference,
-    columns,
-    kind,
-    value,
-    point,
-    noise,
-    delay,
-    soft,
-    hard,
-    change,
-):
+def correct_errors(mean, errors, columns, pair, reading, gates, change):
     """Correct the errors (N, n) of an ensemble about its mean (B, 13) in place, by one measurement.
 
-    ``k`` and ``reference_k`` are the places of the bodies among the moving ones, -1 for one that does not
-    move. ``columns`` are those of the errors that the measurement corrects. The change of the mean is written
-    into ``change`` (n,).
+    ``columns`` are those of the errors that the measurement corrects. ``gates`` are those of a measurement of
+    its dimension. The change of the mean is written into ``change`` (n,).
 
     Returns
     -------
@@ -223,14 +214,14 @@ def correct_errors(
         Squared distance of the innovation and logarithm of its density, without the gates.
     accepted : bool
     """
-    count, m = len(errors), len(noise)
-    Z, x, other = empty((count, m)), empty(13), mean[reference].copy()
+    count, m, k, r_k = len(errors), len(reading.noise), pair.place, pair.reference_place
+    Z, x, other = empty((count, m)), empty(13), mean[pair.reference].copy()
     for n in range(count):
-        boxplus(mean[body], errors[n, ERROR * k : ERROR * (k + 1)], x)
-        if kind == RELATIVE_POSE and reference_k >= 0:
-            boxplus(mean[reference], errors[n, ERROR * reference_k : ERROR * (reference_k + 1)], other)
-        write_residual(x, other, kind, value, point, delay, Z[n])
-    y, S, R = empty(m), zeros((m, m)), noise.copy()
+        boxplus(mean[pair.body], errors[n, ERROR * k : ERROR * (k + 1)], x)
+        if reading.kind == RELATIVE_POSE and r_k >= 0:
+            boxplus(mean[pair.reference], errors[n, ERROR * r_k : ERROR * (r_k + 1)], other)
+        write_residual(x, other, reading.kind, reading.value, reading.point, reading.delay, Z[n])
+    y, S, R = empty(m), zeros((m, m)), reading.noise.copy()
     for r in range(m):
         total = 0.0
         for n in range(count):
@@ -257,12 +248,12 @@ def correct_errors(
     for r in range(m):
         square += white[r] ** 2
     density = log_density(Ls, m, square)
-    if not square <= hard:
+    if not square <= gates.hard:
         return square, density, False
-    if square > soft:
+    if square > gates.soft:
         for r in range(m):
             for c in range(m):
-                R[r, c] *= square / soft
+                R[r, c] *= square / gates.soft
                 sum_[r, c] = S[r, c] + R[r, c]
         factor(sum_, m, Ls)
         solve_lower(Ls, m, y, white)
