@@ -18,6 +18,7 @@ from ..checks.errors import InvalidRequestError, NotSupportedError
 from ..checks.validation import array, numbers, point, quaternion
 from ..spatial.layout import POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
+from .rosbag import read_rosbag
 
 COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
 #: Column of a CSV file that tells several motions apart.
@@ -113,8 +114,6 @@ def read_motions(
             raise InvalidRequestError("holds no .csv or .npz files", field="motions", value=str(path))
         found = [motion for file in files for motion in _one_file(file)]
     elif path.is_dir() or path.suffix in (".mcap", ".db3"):
-        from .rosbag import read_rosbag
-
         if find_spec("rosbag2_py") is None:
             columns = ",".join((MOTION, *COLUMNS))
             raise NotSupportedError(
@@ -122,7 +121,7 @@ def read_motions(
                 field="motions",
                 value=str(path),
             )
-        found = read_rosbag(path, topic)
+        found = [Motion(*read_rosbag(path, topic))]
     else:
         found = list(_one_file(path))
     if not found:

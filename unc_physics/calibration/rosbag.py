@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ..checks.errors import InvalidRequestError
-from .motions import Motion
 
 #: Messages that hold a pose, and how many texts stand between their stamp and the pose.
 POSES = {
@@ -19,8 +18,8 @@ POSES = {
 _HEAD = 4  # bytes that tell the encoding, from whose end all is aligned
 
 
-def read_rosbag(path, topic: str | None = None) -> list[Motion]:
-    """The motion that one topic of a rosbag holds; arguments and errors are those of `read_motions`."""
+def read_rosbag(path, topic: str | None = None) -> tuple[str, np.ndarray, np.ndarray]:
+    """Name, times (n,) [s] and poses (n, 7) of a topic; arguments and errors are those of `read_motions`."""
     import rosbag2_py  # pyright: ignore[reportMissingImports]
 
     reader: Any = rosbag2_py.SequentialReader()
@@ -38,7 +37,7 @@ def read_rosbag(path, topic: str | None = None) -> list[Motion]:
         if name == chosen:
             rows.append(pose_in(data, kinds[chosen]))
     rows = np.array(rows).reshape(-1, 8)
-    return [Motion(chosen, rows[:, 0], rows[:, 1:])]
+    return chosen, rows[:, 0], rows[:, 1:]
 
 
 def pose_in(data: bytes, kind: str) -> list[float]:

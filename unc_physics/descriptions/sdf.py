@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError, UncPhysicsError
 from .parts import Description, Inertial, Link, Shape
-from .reading import read_xml, referred
+from .xml_files import read_xml, referred
 
 _DEPTH = 10  # largest nesting depth of models and of includes
 _SIZES = {

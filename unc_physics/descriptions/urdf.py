@@ -14,7 +14,7 @@ from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import number
 from .parts import Description, Inertial, Link, Shape
-from .reading import read_xml, referred
+from .xml_files import read_xml, referred
 
 _KNOWN = ("box", "cylinder", "sphere", "mesh")
 

@@ -19,9 +19,9 @@ from ..spatial.layout import (
     VELOCITY,
 )
 from ..spatial.rotation import exp, multiply, rotation_matrix
-from .belief import Belief
 
 if TYPE_CHECKING:
+    from .belief import Belief
     from .scene import Scene
 
 #: Density of air at 20 degrees C and sea level [kg/m^3].
@@ -143,7 +143,7 @@ def kinematic_belief(scene: Scene, belief: Belief) -> Belief:
     held = held_at_start(scene)
     mean = with_kinematic(scene, belief.mean, 0.0)
     if not held.any():
-        return belief if mean is belief.mean else Belief.trusted(mean, belief.covariance, belief.moving)
+        return belief if mean is belief.mean else belief.trusted(mean, belief.covariance, belief.moving)
     mean, P = mean.copy(), belief.covariance.copy()
     for k in np.flatnonzero(held):
         carrier = mean[scene.actions.carrier[k]][None]
@@ -154,7 +154,7 @@ def kinematic_belief(scene: Scene, belief: Belief) -> Belief:
         P[still[:, :, None] | still[:, None, :]] = 0.0
     else:
         P[still.ravel()], P[:, still.ravel()] = 0.0, 0.0
-    return Belief.trusted(mean, P, belief.moving)
+    return belief.trusted(mean, P, belief.moving)
 
 
 def start_states(scene: Scene, states: np.ndarray, z: np.ndarray) -> np.ndarray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,9 +29,7 @@ from ..spatial.layout import (
 from ..spatial.moments import pivoted_cholesky, spread_states
 from ..spatial.rotation import rotation_matrix
 from .body_belief import BodyBelief
-
-if TYPE_CHECKING:
-    from .scene import Scene
+from .scene import Scene
 
 #: Relative variance below which a direction counts as certain.
 RANK_TOLERANCE = 1e-14
@@ -118,8 +115,6 @@ class Belief:
         InvalidRequestError
             If a name is missing or not in the scene, or a fixed body moves or is uncertain.
         """
-        from .scene import Scene
-
         instance(scene, Scene, "scene")
         instance(bodies, Mapping, "bodies")
         names = [body.name for body in scene.bodies]
