@@ -78,8 +78,3 @@ def goals_met_by(sections: Callable[[Results], Mapping[str, Sequence[Figure]]]) 
 def ratio(slow: Rows, fast: Rows) -> float:
     """Median over the rounds of how many times longer one took than the other."""
     return float(np.median(slow.values() / fast.values()))
-
-
-def milliseconds(slow: Rows, fast: Rows, share: float = 1.0) -> str:
-    """Both median times in words, of a ``share`` of what was timed."""
-    return f"{number(1e3 * share * slow.median())} against {number(1e3 * share * fast.median())} ms"

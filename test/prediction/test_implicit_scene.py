@@ -9,10 +9,9 @@ import yaml
 from example_scenes import CONTENTS
 from plain_scenes import ball
 
-from unc_physics import Plane, RigidBody, Scene, Touches, assess, make_propagator, predict
+from unc_physics import Plane, RigidBody, Scene, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import NotSupportedError
-from unc_physics.prediction.events import ENVIRONMENT
 from unc_physics.prediction.request_checks import check_supported
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.parameters import vary
@@ -80,19 +79,6 @@ def test_the_kernels_get_the_varied_materials():
     world = vary(scene, np.array([1.0, -2.0]))  # the scene's restitution, a's friction
     np.testing.assert_allclose(world.implicit.friction, [0.4 * np.exp(-2.0 * 0.05 / 0.4), 0.5, 0.5])
     np.testing.assert_allclose(world.implicit.restitution, [0.15, 0.15, 0.15])
-
-
-# -- answers ------------------------------------------------------------------------------------------
-
-
-def test_statuses_and_probabilities_take_the_scene_as_it_was_given():
-    scene = on_floor(RigidBody("ball", BALL, 1.0))
-    belief = Belief(np.array([state(0, 0, R + 0.02)]), 1e-6 * np.eye(12)[None], scene.moving)
-    for propagator in ("sigma_points", make_propagator("monte_carlo", samples=300)):
-        touch = Touches("ball", ENVIRONMENT)
-        prediction = predict(scene, belief, propagator, 0.5, events=[touch])
-        assert len(assess(prediction)) == 1
-        assert prediction.probability(touch).estimate > prediction.probability(touch).low > 0.9
 
 
 # -- islands -----------------------------------------------------------------------------------------

@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import KeyValue
 from scenes import (
-    POSITION_STD,
     assert_answered,
     diagonal,
     explicit,
@@ -92,20 +90,6 @@ def test_a_preset_takes_the_place_of_the_node_s_physics(predict):
     assert response.prediction.physics_summary == "explicit, dt 0.01 s, stiffness 1e+04 N/m^3"
 
 
-def test_free_flight_in_closed_form(predict):
-    thrown = moving_object(position=(0.0, 0.0, 1.0), velocity=(0.3, 0.0, 2.0))
-    thrown.belief.pose_covariance = diagonal(*[0.02] * 3, 0.0, 0.0, 0.0)
-    request = request_of(thrown, horizon=1.0, propagator="sigma_points")
-    (falling,) = predict(with_physics(request, gravity=(0.0, 0.0, -9.81))).prediction.objects
-    assert np.allclose(position_of(falling.states[-1].pose.pose), [0.3, 0.0, 3.0 - 0.5 * 9.81])
-    assert np.allclose(
-        falling.states[-1].pose.covariance,
-        request.scene.objects[0].belief.pose_covariance,
-        rtol=1e-6,
-        atol=1e-9,
-    )
-
-
 def test_a_mesh_in_millimetres_is_flagged(predict):
     box = moving_object("box", "", (0.0, 0.0, 500.0), (0.0, 0.0, 0.0), spheres=20)
     box.primitive, box.mass = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[100.0] * 3), 0.5
@@ -120,26 +104,6 @@ def test_a_mesh_in_millimetres_is_flagged(predict):
     assert "fit its size" not in fine.status_msg
 
 
-@pytest.mark.parametrize("propagator", ["auto", "monte_carlo", "sigma_points"])
-def test_a_box_that_lands_has_its_origin_above_the_table(predict, propagator):
-    """The origin of the box is the middle of its bottom. Means of poses are those of the pose samples."""
-    box = moving_object("box", "salt_box", (0.0, 0.0, 0.06), (0.5, 0.0, 0.0), spheres=0)
-    box.mass, box.belief.pose_covariance = 0.0, diagonal(*[0.01] * 3, *[0.2] * 3)
-    count = 0 if propagator == "sigma_points" else 500
-    request = request_of(box, horizon=0.8, propagator=propagator, return_samples=count, seed=1)
-    with_physics(request, gravity=None)
-    request.scene.environment.elements = [EnvironmentElement(plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))]
-    response = predict(request)
-    assert_answered(response)
-    state = response.prediction.objects[0].states[-1]
-    assert state.pose.pose.position.z > 0.005
-    if count:
-        drawn = np.array([position_of(pose) for pose in state.pose_samples])
-        spread = drawn.std(axis=0)
-        assert np.all(np.abs(position_of(state.pose.pose) - drawn.mean(axis=0)) < 0.2 * spread)
-        assert np.allclose(np.sqrt(state.pose.covariance[:21:7]), spread, rtol=0.2)
-
-
 def test_a_trajectory(predict):
     request = explicit(good_request(trajectory_period=0.06, propagator="linearization"))
     request.scene.header.stamp.sec = 123
@@ -149,43 +113,6 @@ def test_a_trajectory(predict):
         times = [seconds(state.time_from_start) for state in predicted.states]
         assert np.allclose(times, [0.06, 0.12, 0.18, 0.2])
     assert response.prediction.header.stamp.sec == 123
-
-
-def test_the_same_seed_gives_the_same_answer(predict):
-    def answer(seed):
-        response = predict(good_request(propagator="monte_carlo", samples=20, seed=seed))
-        states = [predicted.states[-1] for predicted in response.prediction.objects]
-        return response.prediction.seed, np.array([numbers_of(state) for state in states])
-
-    seed, chosen = answer(0)
-    assert seed != 0
-    same, again = answer(seed)
-    assert same == seed and np.allclose(again, chosen, rtol=0.0, atol=ROUND_OFF)
-    other, different = answer(0)
-    assert other != seed and not np.allclose(different, chosen, rtol=0.0, atol=1e-6)
-
-
-def test_samples_of_monte_carlo_are_its_own(predict):
-    request = good_request(
-        propagator="monte_carlo",
-        samples=30,
-        seed=5,
-        return_samples=30,
-        trajectory_period=0.1,
-        return_covariance=True,
-    )
-    response = predict(request)
-    assert_answered(response)
-    for predicted in response.prediction.objects:
-        assert len(predicted.states) == 2
-        for state in predicted.states:
-            positions = np.array([position_of(pose) for pose in state.pose_samples])
-            assert len(positions) == 30
-            # the pose is at the model's origin, the mean that of the centre of mass: equal to the first order
-            assert np.allclose(positions.mean(axis=0), position_of(state.pose.pose), atol=1e-3)
-            assert np.allclose(
-                np.cov(positions.T, bias=True), np.reshape(state.pose.covariance, (6, 6))[:3, :3], atol=1e-4
-            )
 
 
 def test_samples_of_a_gaussian_are_drawn_from_it(predict):
@@ -203,40 +130,8 @@ def test_samples_of_a_gaussian_are_drawn_from_it(predict):
         assert all(abs(np.linalg.norm(orientation_of(pose)) - 1.0) < 1e-9 for pose in state.pose_samples)
 
 
-def test_joint_covariance(predict):
-    request = good_request(
-        propagator="sigma_points", horizon=0.8, return_joint_covariance=True, return_covariance=True
-    )
-    request.scene.objects.append(moving_object("floor", "pin", (0.0, 0.0, -3.0)))
-    request.scene.objects[2].kind = ObjectState.FIXED
-    response = predict(request)
-    assert_answered(response)
-    (joint,) = response.prediction.joint_covariances
-    assert joint.object_ids == ["left", "right"]
-    P = np.reshape(joint.data, (24, 24))
-    assert np.array_equal(P, P.T)
-    assert np.linalg.eigvalsh(P)[0] > -1e-9 * np.max(P)
-    assert np.any(P[:12, 12:] != 0.0)  # they have touched
-    for k, predicted in enumerate(response.prediction.objects[:2]):
-        own = np.reshape(predicted.states[-1].covariance, (12, 12))
-        assert np.allclose(P[12 * k : 12 * k + 12, 12 * k : 12 * k + 12], own, rtol=1e-9, atol=1e-15)
-    floor = response.prediction.objects[2]
-    assert floor.kind == ObjectState.FIXED and not np.any(floor.states[-1].pose.covariance)
-
-
-def test_options_of_a_propagator(predict):
-    responses = []
-    for points in ("minimal", "full"):
-        request = good_request(propagator="sigma_points", horizon=0.8)
-        request.propagator_options.append(KeyValue(key="points", value=points))
-        responses.append(predict(request))
-        assert_answered(responses[-1])
-    minimal, full = (numbers_of(response.prediction.objects[0].states[-1]) for response in responses)
-    assert not np.array_equal(minimal, full)
-
-
 def test_the_computation_time_runs_out(predict):
-    request = good_request(propagator="monte_carlo", samples=2000, horizon=50.0, max_computation_time=1.0)
+    request = good_request(propagator="monte_carlo", samples=2000, horizon=50.0, max_computation_time=3.0)
     response = predict(request)
     assert response.result.error_code == ErrorCode.TIMEOUT
     assert "max_computation_time" in response.result.error_msg
@@ -252,12 +147,6 @@ def test_the_shipped_models_are_all_ready(node, client):
     found = {model.name: model for model in response.models}  # other tests may have loaded more
     assert set(list_models()) <= set(found) and list(found) == sorted(found)
     assert all(found[name].status == ModelInfo.STATUS_READY for name in list_models())
-
-
-def test_the_world_frame_may_be_named(predict):
-    request = good_request()
-    request.scene.header.frame_id = "world"
-    assert_answered(predict(request))
 
 
 def test_a_scaled_model_s_origin(predict):
@@ -296,19 +185,6 @@ def test_statuses_name_an_overlap_at_the_start_and_are_fine_without(predict):
         assert (predicted.status, predicted.status_msg) == (PredictedObject.STATUS_FINE, "")
         assert predicted.status_values
         assert all(state.status == PredictedObject.STATUS_FINE for state in predicted.states)
-
-
-def test_an_error_that_all_objects_share(predict):
-    request = good_request(return_joint_covariance=True, horizon=0.1)
-    request.scene.common_pose_std[1] = 0.1
-    response = predict(request)
-    assert_answered(response)
-    for predicted, sent in zip(response.prediction.objects, request.scene.objects, strict=True):
-        assert np.allclose(position_of(predicted.start.pose), position_of(sent.pose), atol=1e-3)
-        assert predicted.start.covariance[7] == pytest.approx(POSITION_STD**2 + 0.1**2, rel=0.05)
-        assert predicted.start.covariance[0] == pytest.approx(POSITION_STD**2, rel=0.05)
-    joint = np.reshape(response.prediction.joint_covariances[-1].data, (24, 24))
-    assert joint[1, 13] == pytest.approx(0.1**2, rel=0.05)
 
 
 def test_a_scene_in_which_nothing_moves(predict):

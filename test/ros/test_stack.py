@@ -34,13 +34,6 @@ LAUNCH = Path(__file__).resolve().parents[2] / "launch"
 AHEAD = 0.05  # s, of a scene's stamp before the newest transform's
 
 
-def test_a_scene_of_fixed_objects_alone(predict):
-    request = good_request()
-    for message in request.scene.objects:
-        message.kind = message.FIXED
-    assert_answered(predict(request))
-
-
 def test_no_variance_is_negative(predict):
     request = request_of(moving_object(), horizon=0.2, return_covariance=True)
     message = request.scene.objects[0]

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, wait_until
-from scenes import POSITION_STD, diagonal, good_request, moving_object, numbers_of, position_of
+from scenes import POSITION_STD, good_request, moving_object, numbers_of, position_of
 from shape_msgs.msg import Plane
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -125,16 +125,6 @@ def test_an_error_that_a_scene_s_objects_share(publish, listener):
     sent.common_pose_std[1] = 0.1
     for predicted in answer_to(sent, publish, listener).objects:
         assert predicted.start.covariance[7] == pytest.approx(POSITION_STD**2 + 0.1**2, rel=0.05)
-
-
-def test_an_overlap_at_the_start_is_named(publish, listener):
-    sent = scene(listener)
-    for message in sent.objects:  # farther in each other than their beliefs can be moved, whatever is drawn
-        message.pose.position.x = -0.2
-        message.belief.pose_covariance = diagonal(*[1e-3] * 6)
-    for predicted in answer_to(sent, publish, listener).objects:
-        assert predicted.status & PredictedObject.STATUS_INITIAL_OVERLAP, predicted.status_msg
-        assert all(state.status & PredictedObject.STATUS_INITIAL_OVERLAP for state in predicted.states)
 
 
 def test_what_touches_is_fine_by_default(publish, listener):
