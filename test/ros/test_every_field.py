@@ -321,7 +321,7 @@ EFFECTS = {
     "physics.exact": (physics(exact=True), "physics.friction_std"),
     "physics.impact_friction_speed": (physics(impact_friction_speed=1.0), "physics.impact_friction_speed"),
     "physics.gyroscopic": (physics(gyroscopic=False), "physics.gyroscopic"),
-    "physics.sleep": (physics(sleep=True), "physics.sleep"),
+    "physics.sleep": (physics(sleep=False), "physics.sleep"),
     "physics.islands": (physics(islands=False), "physics.islands"),
     "physics.overlap": (physics(overlap="keep"), "physics.overlap"),
     "physics.stiffness_std": (
@@ -454,7 +454,7 @@ def rich_requests():
     place = asked.scene.objects[0].pose.position  # beside the can, and high enough to fall
     place.x, place.z = 0.3, 0.35
     with_physics(asked, stiffness=1e9, stiffness_std=1e7, friction_std=0.1, restitution_std=0.05, damping=0.1)
-    with_physics(asked, gravity_direction_std=0.01, sleep=True)
+    with_physics(asked, gravity_direction_std=0.01)
     with_physics(asked, impact_direction_std=0.01, impact_point_std=1e-3, impact_friction_std=0.1)
     asked.scene.header.stamp.sec = 3
     asked.scene.objects.append(moving_object("x", "teapot", (5.0, 0.0, 0.0)))

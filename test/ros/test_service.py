@@ -73,7 +73,32 @@ def test_the_node_s_own_physics_is_a_robot_s_world(predict):
     assert response.prediction.propagator == "auto"
     summary = response.prediction.physics_summary
     assert summary.startswith("implicit, dt 0.0041667 s, stiffness ")
-    assert "friction 0.25 +- 0.12, restitution 0.25 +- 0.15, gyroscopic" in summary
+    assert "friction 0.25 +- 0.12, restitution 0.25 +- 0.15, gyroscopic, sleep" in summary
+
+
+def test_what_sleeps_is_where_it_would_be_awake(predict):
+    def rests(**physics):
+        can = moving_object(model="can", velocity=(0.0, 0.0, 0.0))
+        can.belief.pose_covariance = diagonal(*[0.004] * 3, *[0.02] * 3)
+        request = request_of(can, horizon=2.0, propagator="monte_carlo", samples=40, seed=3)
+        floor = EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
+        request.scene.environment.elements.append(floor)
+        response = predict(with_physics(request, **physics) if physics else request)
+        assert_answered(response)
+        return response.prediction.objects[0].states[-1].pose
+
+    asleep, awake = rests(), rests(sleep=False)
+    assert np.allclose(position_of(asleep.pose), position_of(awake.pose), rtol=0.0, atol=1e-4)
+    assert np.allclose(asleep.covariance, awake.covariance, rtol=0.02, atol=1e-7)
+
+
+def test_the_explicit_step_computes_what_rests(predict):
+    request = with_physics(good_request(), integrator="explicit", friction=0.0, restitution=1.0)
+    response = predict(request)
+    assert_answered(response)
+    assert not response.prediction.physics.sleep
+    refused = predict(with_physics(request, sleep=True)).result
+    assert refused.error_code == ErrorCode.INVALID_OPTION and "sleep" in refused.error_msg
 
 
 @pytest.mark.parametrize("propagator", ["linearization", "surrogate", "local_sampling"])

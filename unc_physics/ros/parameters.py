@@ -107,7 +107,7 @@ class Settings:
     )
     gyroscopic: bool = physics_key("gyroscopic")
     integrator: str = physics_key("integrator", choices=INTEGRATORS)
-    sleep: bool = physics_key("sleep", False)
+    sleep: bool = physics_key("sleep", True)
     overlap: str = parameter(
         _AUTO_OVERLAP,
         "What becomes of the share of a belief in which objects overlap at the start: moved to the nearest"
@@ -388,7 +388,8 @@ class Settings:
     def physics(self) -> dict:
         """Physics of the scenes, as arguments of `Scene`."""
         overlap = None if self.overlap == _AUTO_OVERLAP else self.overlap
-        given = {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)} | {"overlap": overlap}
+        given = {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)}
+        given |= {"overlap": overlap, "sleep": self.sleep and self.integrator == "implicit"}
         # a friction or restitution that was set is exact
         unchanged = [key for key in ("friction", "restitution") if getattr(self, key) == _EVERYDAY[key]]
         changes = {key: value for key, value in given.items() if key not in unchanged}

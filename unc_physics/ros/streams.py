@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import ObjectState, Physics, Prediction, PredictionRequest, Result, Scene
+from unc_physics_msgs.msg import ObjectState, Prediction, PredictionRequest, Result, Scene
 
 from ..checks.errors import ErrorCode, PredictionTimeoutError, UncPhysicsError
 from .detected import settle_detected
@@ -455,10 +455,9 @@ class LatestWorker:
 
 
 def request_of(scene: Scene, settings: Settings) -> PredictionRequest:
-    """Return the request for a streamed scene from the parameters; resting objects are not computed."""
+    """Return the request for a streamed scene from the parameters."""
     return PredictionRequest(
         scene=scene,
-        physics=Physics(has_sleep=True, sleep=True) if settings.integrator == "implicit" else Physics(),
         horizon=duration(max(settings.horizons)),
         propagator=settings.stream_propagator,
         seed=_SEED,

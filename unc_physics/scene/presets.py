@@ -41,7 +41,8 @@ def _is_uncertain(key):
 def with_changes(physics: dict, given: dict) -> dict:
     """Return arguments of `Scene`: ``physics`` overridden by ``given``; None disables a law.
 
-    A given friction or restitution is exact unless its standard deviation is given, too.
+    A given friction or restitution is exact unless its standard deviation is given, too. A change from
+    implicit to explicit drops what explicit lacks and nobody asked for: sleep, and errors of contacts.
     """
     if "gravity" in given and given["gravity"] is None:
         given = given | {"gravity": (0.0, 0.0, 0.0)}  # `Scene` distinguishes this from a missing entry
@@ -49,6 +50,6 @@ def with_changes(physics: dict, given: dict) -> dict:
     said = {key: value for key, value in given.items() if value is not None or key in laws}
     replaced = {f"{key}_std" for key in ("friction", "restitution") if key in said}
     if said.get("integrator") == "explicit" and physics.get("integrator") == "implicit":
-        replaced |= set(filter(_is_uncertain, physics))
+        replaced |= {"sleep", *filter(_is_uncertain, physics)}
     physics = {key: value for key, value in physics.items() if key not in replaced}
     return {key: value for key, value in (physics | said).items() if value is not None}
