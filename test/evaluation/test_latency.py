@@ -23,6 +23,7 @@ def test_figures_are_judged_by_their_goals(tmp_path):
     assert experiment.verdict(results).startswith("5 of 15 goals met; missed: output, 5 cans on a table")
     report = experiment.report(results)
     assert report.count("**≤ 60, missed**") == 1 and report.count("≤ 60, met") == 2
+    assert report.count("before 0.2: 0.2 to 0.5 Hz") == 2 and report.count("; before 0.2: 395 ms") == 1
 
 
 @pytest.mark.long

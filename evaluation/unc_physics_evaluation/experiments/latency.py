@@ -17,24 +17,34 @@ NODE = "measured"
 RATE = 10.0  # Hz, of the input
 CPU = "CPU time"
 STREAM, STANDING, SERVICE = "stream, velocities unknown", "stream, at rest", "service"
-#: Goals of streams: number of objects, output [Hz], 95 % latency [ms].
-STREAMS = ((1, 10.0, 60.0), (5, 10.0, 100.0), (10, 5.0, 200.0))
-#: Goals of the service: kind, number of objects, median latency [ms].
-SERVICES = ((BOX, 1, 15.0), (TABLE, 5, 30.0), (BIN, 10, 60.0))
+#: Streams: objects, goals of output [Hz] and 95 % latency [ms]; output [Hz] and latency [s] before 0.2.
+STREAMS = (
+    (1, 10.0, 60.0, "4.7", "0.27"),
+    (5, 10.0, 100.0, "1.5", "0.77"),
+    (10, 5.0, 200.0, "0.2 to 0.5", "1.8 to 4.9"),
+)
+#: Service: kind, objects, goal of the median latency [ms], number of calls; median [ms] before 0.2.
+SERVICES = ((BOX, 1, 15.0, 60, "44"), (TABLE, 5, 30.0, 60, "395"), (BIN, 10, 60.0, 20, "585 to 3500"))
 _FULL_RATE = 0.95  # share of the wanted rate that counts as reached
 _HORIZON = 1.0  # s, of the service's requests
 
 
 def jobs(settings: Settings) -> list[Job]:
     """A stream of each number of objects, and requests of each scene."""
-    seconds, calls = (4.0, 10) if settings.quick else (20.0, 60)
+    seconds = 4.0 if settings.quick else 20.0
     parts = [
         {"by": by, "scene": TABLE, "objects": count, "amount": seconds}
         for by in (STREAM, STANDING)
         for count, *_ in STREAMS
     ]
     parts += [
-        {"by": SERVICE, "scene": kind, "objects": count, "amount": calls} for kind, count, _ in SERVICES
+        {
+            "by": SERVICE,
+            "scene": kind,
+            "objects": count,
+            "amount": min(calls, 10) if settings.quick else calls,
+        }
+        for kind, count, _, calls, _ in SERVICES
     ]
     return [Job("latency", settings.parameters(**part), cost=30.0, alone=True) for part in parts]
 
@@ -137,7 +147,7 @@ def _stream(node, make, seconds, pid):
 
 
 def report(results: Results) -> str:
-    """Two tables, with what is met and missed."""
+    """Tables with goals, what is met, and figures before 0.2 on a busy machine."""
     return goal_tables(_figures(results))
 
 
@@ -150,25 +160,21 @@ def _figures(results) -> dict[str, list[Figure]]:
     found: dict[str, list[Figure]] = {}
     for by in (STREAM, STANDING):
         figures = found[f"Detections at {RATE:g} Hz: {by.removeprefix('stream, ')}"] = []
-        for count, rate, latency in STREAMS:
+        for count, rate, latency, rate_before, latency_before in STREAMS:
             of, case = {"by": by, "objects": count}, f"{count} cans on a table"
-            figures.append(Figure("output", case, value("rate", **of), "Hz", _FULL_RATE * rate))
-            figures.append(
-                Figure("95 % latency", case, value("latency p95", **of), "ms", latency, at_most=True)
-            )
+            before = f"before 0.2: {rate_before} Hz"
+            figures.append(Figure("output", case, value("rate", **of), "Hz", _FULL_RATE * rate, note=before))
+            figures.append(Figure("median latency", case, value("latency p50", **of), "ms"))
+            before = f"before 0.2: {latency_before} s"
+            p95 = value("latency p95", **of)
+            figures.append(Figure("95 % latency", case, p95, "ms", latency, at_most=True, note=before))
             figures.append(Figure("CPU time of a prediction", case, value(CPU, **of), "ms"))
-    found["Calls of `~/predict`, one second ahead, default propagator"] = [
-        Figure(
-            "median latency",
-            f"{count} objects, {kind}",
-            value("latency p50", by=SERVICE, scene=kind, objects=count),
-            "ms",
-            latency,
-            at_most=True,
-            note=f"CPU {number(value(CPU, by=SERVICE, scene=kind, objects=count))} ms",
-        )
-        for kind, count, latency in SERVICES
-    ]
+    figures = found["Calls of `~/predict`, one second ahead, default propagator"] = []
+    for kind, count, latency, _, before in SERVICES:
+        of, case = {"by": SERVICE, "scene": kind, "objects": count}, f"{count} objects, {kind}"
+        note = f"CPU {number(value(CPU, **of))} ms; before 0.2: {before} ms"
+        p50 = value("latency p50", **of)
+        figures.append(Figure("median latency", case, p50, "ms", latency, at_most=True, note=note))
     return found
 
 
