@@ -2,6 +2,9 @@
 have the same fields.
 """
 
+import re
+import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -108,6 +111,7 @@ def planning_scene():
 
 
 HAND = {"hand": pose(SHIFT, TURN)}
+PAGE = Path(__file__).parents[2] / "docs/how-to/moveit.md"
 
 
 def test_what_a_planning_scene_holds():
@@ -267,3 +271,59 @@ def test_an_octomap_may_be_left_out():
     with_octomap(scene)
     found = request_of_planning_scene(scene, frames=HAND, ignore_octomap=True)
     assert len(found.scene.environment.elements) == 6
+
+
+def test_the_page_s_snippets_run(node):
+    """A service answers in place of move_group; the page's node asks it, converts, and predicts a release."""
+    services = pytest.importorskip("moveit_msgs.srv", reason="needs moveit_msgs")
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    def answer(request, response):
+        response.scene = whole
+        return response
+
+    base = Header(frame_id="world")
+    held = CollisionObject(
+        header=Header(frame_id="panda_hand"),
+        id="can",
+        primitives=[box(0.06, 0.06, 0.1)],
+        pose=pose((0, 0, -0.1), OWN),
+    )
+    whole = PlanningScene()
+    whole.world.collision_objects = [
+        CollisionObject(header=base, id="table", primitives=[box(1, 1, 0.1)], pose=pose((0, 0, -0.05), OWN)),
+        CollisionObject(
+            header=base, id="box", primitives=[box(0.1, 0.06, 0.16)], pose=pose((0.3, 0.2, 0.09), OWN)
+        ),
+    ]
+    whole.robot_state.attached_collision_objects = [
+        AttachedCollisionObject(link_name="panda_hand", object=held, weight=0.3)
+    ]
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    move_group = rclpy.create_node("move_group", context=context)
+    move_group.create_service(services.GetPlanningScene, "/get_planning_scene", answer)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(move_group)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    level = Rotation.identity()
+    found = {"hand_pose": pose((0.0, 0.0, 0.4), level), "hand_box": box(0.05, 0.05, 0.05)}
+    try:
+        for snippet in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL):
+            exec(snippet, found)  # noqa: S102
+        answered = found["answer"]
+        assert_answered(answered)
+        places = {own.id: own.states[-1].pose.pose.position for own in answered.prediction.objects}
+        assert places.keys() == {"box", "can", "panda_hand"}
+        assert places["panda_hand"].z == pytest.approx(0.4)
+        assert places["can"].z < 0.1  # released, it lies on the table
+        assert places["box"].z == pytest.approx(0.0, abs=0.02)
+    finally:
+        executor.shutdown()
+        context.try_shutdown()
+        thread.join(5.0)
+        if "node" in found:
+            found["node"].destroy_node()
+            rclpy.try_shutdown()
