@@ -51,6 +51,7 @@ def kinds(examples: Path):
             yield f"predict {scene.stem} {name}", (), partial(run, "predict", scene, *options)
     for name in PROPAGATORS:
         yield f"all outputs {name}", (), partial(ask_everything, examples / "scenes" / "table.yaml", name)
+    yield "plot", ("matplotlib",), partial(plot, examples / "scenes" / "table.yaml")
     for actions in sorted((examples / "actions").glob("*.yaml")):
         options = ["--rollouts", "8", "--budget", "32"]
         yield f"rank {actions.stem}", (), partial(run, "rank", actions, *options)
@@ -81,8 +82,15 @@ def ask_everything(file, name):
         _ = snapshot.samples
     prediction.samples(20)
     for body in scene.bodies:
-        _ = prediction[body.name].modes
+        found = prediction[body.name]
+        _ = found.modes, found.position_std
     _ = assess(prediction), prediction.to_dict(), str(prediction)
+
+
+def plot(file):
+    """Draw a prediction."""
+    scene, belief, _ = load_scene(file)
+    predict(scene, belief, "monte_carlo", 0.1).plot()
 
 
 def track():

@@ -22,7 +22,7 @@ from ..scene.body import RigidBody
 from ..scene.presets import PRESETS
 from ..scene.scene import Scene
 from ..spatial.layout import ERROR, POSITION, QUATERNION, STATE
-from ..spatial.origin import at_com, covariance_at_com, inverse_error_map, moved
+from ..spatial.origin import at_com, at_origin, covariance_at_com, inverse_error_map, moved
 from .predict import predict
 from .status import assess
 
@@ -72,6 +72,7 @@ def warm_up(
     covariance_at_com(np.eye(6), np.eye(6), mean[0], np.zeros(3))  # of what is given at its model's origin
     at_com(np.eye(ERROR), mean[0], np.zeros(3))
     inverse_error_map(mean[0], np.zeros(3))
+    at_origin(mean[0], np.eye(ERROR), np.zeros(3))  # of each body in answers
     for name in names:
         few = {"samples": 4} if name in PROPAGATORS and "samples" in PROPAGATORS[name].options() else {}
         propagator = make_propagator(name, **few)

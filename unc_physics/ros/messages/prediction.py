@@ -390,7 +390,7 @@ def write_state(message, mean, P):
 
 def _about_fixed_axes(mean, P, origin=_SAME_POINT):
     """Return state (13,), covariance (12, 12) about fixed axes, and its two parts (36,), mapped linearly."""
-    *found, finite = at_origin(mean, P, origin)
+    *found, finite = at_origin(writable(mean), writable(P), origin)
     if not finite:
         raise DivergedError("left the range of numbers", field="prediction")
     return found
