@@ -2,6 +2,7 @@
 
 For each Python an environment with the pinned dependencies compiles the kernels of `kinds` for the target of
 wheels (`unc_physics.compiler.tuned.target`), not for this processor. A second run compiles only what changed.
+Pythons compile side by side, one on each processor core.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import sys
 import tarfile
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -41,23 +43,27 @@ def main():
     parser.add_argument("--work", type=Path, default=ROOT / ".venv" / "made" / "wheels", help="kept files")
     options = parser.parse_args()
     options.output.mkdir(exist_ok=True)
-    for python in options.python:
-        tag = _output(
-            python, "-c", "import sys; print(f'cp{sys.version_info[0]}{sys.version_info[1]}')"
-        ).strip()
-        work = options.work.resolve() / tag
-        venv = make_environment(python, work / "venv")
-        with tempfile.TemporaryDirectory() as folder:
-            sources = extract_sources(venv, Path(folder))
-            compile_kernels(venv, sources, work / "kernels")
-            wheel = build(venv, sources, options.output, f"{MANYLINUX}_{platform.machine()}")
-        _report(wheel)
     with tempfile.TemporaryDirectory() as folder:
-        _report(build(venv, extract_sources(venv, Path(folder)), options.output))
+        (Path(folder) / "plain").mkdir()
+        first, *_ = venvs = [make_environment(python, options.work.resolve()) for python in options.python]
+        sources = extract_sources(first, Path(folder) / "plain")
+
+        def make_wheel(python):
+            work = python.parents[2]
+            own = shutil.copytree(sources, Path(folder) / work.name)
+            compile_kernels(python, own, work)
+            return build(python, own, options.output, f"{MANYLINUX}_{platform.machine()}")
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            wheels = list(pool.map(make_wheel, venvs))
+        for wheel in [*wheels, build(first, sources, options.output)]:
+            _report(wheel)
 
 
-def make_environment(python, venv):
-    """Return the Python of an environment with the pinned dependencies; it is kept."""
+def make_environment(python, work):
+    """Return the Python of an environment with the pinned dependencies, WORK/cp3X/venv; it is kept."""
+    code = "import sys; print(f'cp{sys.version_info[0]}{sys.version_info[1]}')"
+    venv = work / _output(python, "-c", code).strip() / "venv"
     inner = venv / "bin" / "python"
     if not (venv / "ready").exists():
         subprocess.run([python, "-m", "venv", "--clear", venv], check=True)
@@ -77,27 +83,38 @@ def extract_sources(python, folder):
     return folder / archive.name.removesuffix(".tar.gz")
 
 
-def compile_kernels(python, sources, cache):
-    """Compile the kernels of all kinds for each target of this machine, and put them into the package."""
+def compile_kernels(python, sources, work):
+    """Compile the kernels of all kinds for each target of this machine, and put them into the package.
+
+    The times of all kinds are in WORK/compile.log.
+    """
     env = {**os.environ, "PYTHONPATH": str(sources), "NUMBA_DISABLE_INTEL_SVML": "1"}
     env = {name: value for name, value in env.items() if name != "UNC_PHYSICS_COMPILER"}
     for processor, features, made_by in json.loads(_output(python, "-c", _SHIPPED, env=env, cwd=sources)):
-        print(f"compiling for {python.parents[1].parent.name}, {processor} ...", flush=True)
+        print(f"compiling for {work.name}, {processor} ...", flush=True)
         settings = {
             "NUMBA_CPU_NAME": processor,
             "NUMBA_CPU_FEATURES": features,
-            "NUMBA_CACHE_DIR": str(cache),
+            "NUMBA_CACHE_DIR": str(work / "kernels"),
         }
-        started, spent = time.time(), os.times()
+        started = time.time()
         command = [python, ROOT / "release" / "kinds.py", sources / "examples"]
-        subprocess.run(command, env=env | settings, check=True, cwd=sources)
-        used = [path for path in (cache / f"kernels-{made_by}").iterdir() if path.stat().st_mtime >= started]
+        log = work / "compile.log"
+        with log.open("w") as opened:
+            process = subprocess.Popen(
+                command, env=env | settings, cwd=sources, stdout=opened, stderr=subprocess.STDOUT
+            )
+            _, status, used = os.wait4(process.pid, 0)
+        if status:
+            raise SystemExit(f"{log.read_text()}\n{work.name}: compiling failed")
+        cache = work / "kernels" / f"kernels-{made_by}"
+        kernels = [path for path in cache.glob("*.kernel") if path.stat().st_mtime >= started]
         folder = sources / "unc_physics" / "kernels" / made_by
         folder.mkdir(parents=True)
-        for path in used:
+        for path in kernels:
             shutil.copy(path, folder)
-        cpu = sum(os.times()[2:4]) - sum(spent[2:4])
-        print(f"{len(used)} kernels in {time.time() - started:.0f} s ({cpu:.0f} s of CPU)", flush=True)
+        wall, cpu = time.time() - started, used.ru_utime + used.ru_stime
+        print(f"{work.name}: {len(kernels)} kernels in {wall:.0f} s ({cpu:.0f} s of CPU)", flush=True)
 
 
 def build(python, sources, output, platform_name=None):
