@@ -165,25 +165,29 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 	} > $(MADE)/interfaces.log 2>&1 || { tail -n 30 $(MADE)/interfaces.log; exit 1; }
 	@rm -rf $(MADE)/build && touch $@
 
-# What the demo's node asks of the kernels, for numba to find in its cache. The node would compile it too, alone. The
-# second half takes as long as the interfaces, and starts after them.
+# What the demo asks of the kernels, for its node and client to find them compiled. One process compiles the time loop of
+# rollouts; after the interfaces, the other one compiles what builds on rollouts.
 define COMPILE
 import sys
-from unc_physics import encounters, load_scene, predict
-scene, belief, _ = load_scene("examples/scenes/table.yaml")
+from unc_physics import Upright, predict
+from unc_physics.prediction.warm_up import warm_up
+from unc_physics.ros.demo_scene import table_scene
+scene, belief = table_scene()
 for propagator in sys.argv[1:]:
-    predict(scene, belief, propagator, 0.1, events=encounters(scene))
+    warm_up([propagator])
+    prediction = predict(scene, belief, propagator, 0.1, events=[Upright("carton")])
+prediction.plot()
 endef
 export COMPILE
 
 $(MADE)/kernels: $(MADE)/run
-	@echo "[4] Compiling the kernels: about a minute ..."
-	@$(VENV_PYTHON) -c "$$COMPILE" auto monte_carlo sigma_points
+	@echo "[4] Compiling the kernels of rollouts: about a minute ..."
+	@$(VENV_PYTHON) -c "$$COMPILE" monte_carlo
 	@touch $@
 
 $(MADE)/more_kernels: $(MADE)/run | $(MADE)/interfaces
 	@echo "[5] Compiling the kernels of other methods, beside the first: half a minute ..."
-	@$(VENV_PYTHON) -c "$$COMPILE" local_sampling linearization surrogate
+	@$(VENV_PYTHON) -c "$$COMPILE" sigma_points auto
 	@touch $@
 
 # What nearly all tests ask of the kernels: it compiles while pip downloads what else they need.
