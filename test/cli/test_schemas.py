@@ -147,6 +147,8 @@ def in_body(**entries):
         in_body(position_std=[0.1, 0.1]),
         in_body(covariance=[[1.0]]),
         in_body(colour="red"),
+        in_body(friction="0.4"),
+        in_body(position=["1e-2", 0, 0]),
     ],
 )
 def test_schema_and_reader_refuse_alike(content):
@@ -159,9 +161,9 @@ def test_schema_and_reader_refuse_alike(content):
     "content",
     [
         two_bodies()
-        | {"dt": "1e-2", "gravity": None, "physics": "everyday", "exact": True, "stiffness": "auto"},
+        | {"dt": 1e-2, "gravity": None, "physics": "everyday", "exact": True, "stiffness": "auto"},
         two_bodies()
-        | {"gravity": None, "environment": [{"plane": {"normal": ["0", 0, "1e0"]}, "friction": None}]},
+        | {"gravity": None, "environment": [{"plane": {"normal": [0, 0, 1e0]}, "friction": None}]},
         in_body(spheres=None, scale=None, orientation=None, at_rest=None),
     ],
 )

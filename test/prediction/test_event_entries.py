@@ -46,7 +46,7 @@ def faster_than():
     [
         ("upright: cup", Upright("cup")),
         ("{at_rest: {object: cup, speed: 0.5}}", AtRest("cup", speed=0.5)),
-        ("{upright: {object: cup, axis: [0, 0, 2], angle: '1e-1'}}", Upright("cup", (0, 0, 1), 0.1)),
+        ("{upright: {object: cup, axis: [0, 0, 2], angle: 1e-1}}", Upright("cup", (0, 0, 1), 0.1)),
         ("{touches: {object: cup, other: pot}}", Touches("pot", "cup")),
         ("{fell_off: {object: cup, support: shelf, drop: null}}", FellOff("cup", "shelf")),
         ("{in_region: {object: cup, region: {name: bin, size: [1, 2, 3]}}}", InRegion("cup", BIN)),

@@ -7,6 +7,11 @@ from example_scenes import two_bodies
 from unc_physics import (
     AtRest,
     Belief,
+    BodyBelief,
+    Box,
+    Capsule,
+    RigidBody,
+    Scene,
     UncPhysicsError,
     assess,
     load_model,
@@ -19,6 +24,7 @@ from unc_physics import (
 from unc_physics.scene.scene_file import scene_from_dict
 
 SCENE, BELIEF, _ = scene_from_dict(two_bodies())
+MODEL = SCENE.bodies[0].model
 ARRAY = np.zeros((2, 13))
 PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
 
@@ -33,6 +39,63 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
         (
             lambda: predict(SCENE, BELIEF, "sigma_points", [0.1, 0.2]),
             "horizon must be one time; several are given as times=[...] (got [0.1, 0.2])",
+        ),
+        (
+            lambda: predict(SCENE, BELIEF, "sigma_points", "1"),
+            "horizon must be a number, not a text (got '1')",
+        ),
+        (
+            lambda: predict(SCENE, BELIEF, "sigma_points", 0.1, times=[0.2]),
+            (
+                "horizon must not be earlier than the time before it, 0.2 s; times ascend, and the horizon is"
+                " the last (got 0.1)"
+            ),
+        ),
+        (
+            lambda: predict(SCENE, BELIEF, "linearisation", 0.1),
+            (
+                "propagator must be one of linearization, surrogate, sigma_points, local_sampling,"
+                " monte_carlo, cloud, auto; did you mean 'linearization'? (got 'linearisation')"
+            ),
+        ),
+        (
+            lambda: make_propagator("cloud", run=64),
+            "run is no option of cloud; its options are runs, samples, seed; did you mean 'runs'? (got 64)",
+        ),
+        (
+            lambda: RigidBody("a", MODEL, friction="0.4"),
+            "friction of body 'a' must be a number, not a text (got '0.4')",
+        ),
+        (
+            lambda: RigidBody("a", MODEL, mu=0.4),
+            "mu is no argument of RigidBody; did you mean 'friction'? (got 0.4)",
+        ),
+        (lambda: Box((1, 1, 1), mu=0.4), "mu is no argument of Box; did you mean 'friction'? (got 0.4)"),
+        (
+            lambda: Capsule(0.1, 1.0, restitutoin=0.4),
+            "restitutoin is no argument of Capsule; did you mean 'restitution'? (got 0.4)",
+        ),
+        (
+            lambda: Scene.everyday(SCENE.bodies, mu=0.4),
+            "mu is no argument of Scene; did you mean 'friction'? (got 0.4)",
+        ),
+        (
+            lambda: BodyBelief(pos=(0, 0, 1)),
+            "pos is no argument of BodyBelief; did you mean 'position'? (got (0, 0, 1))",
+        ),
+        (lambda: BodyBelief(position_std="0.01"), "position_std must be an array of numbers (got '0.01')"),
+        (
+            lambda: BodyBelief(position=(0, 0, "0.1")),
+            "position must be an array of numbers (got (0, 0, '0.1'))",
+        ),
+        (lambda: PREDICTION["lefd"], "name is no body of the scene; did you mean 'left'? (got 'lefd')"),
+        (
+            lambda: PREDICTION.body("x", time=0.1),
+            "name is no body of the scene; there are left, right (got 'x')",
+        ),
+        (
+            lambda: PREDICTION.at(0.1)["x"],
+            "key is no entry of a Snapshot; a body at a time is prediction.body(name, time=0.1) (got 'x')",
         ),
         (lambda: start_belief(BELIEF, SCENE), "scene must be a Scene, not a Belief"),
         (lambda: start_belief(SCENE, ARRAY), "belief must be a Belief, not a ndarray"),

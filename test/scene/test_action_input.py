@@ -186,7 +186,7 @@ def test_a_file_says_what_python_says():
         "trajectory": [
             *POSES,
             {
-                "time": "1.5",
+                "time": 1.5,
                 "position": [0.1, 0, 1.2],
                 "orientation": [0, 0, 1, 0],
                 "linear_velocity": [0, 0, 0.3],

@@ -52,7 +52,7 @@ def test_a_bodys_inertia_in_place_of_its_models():
         np.testing.assert_array_equal(body.unit_inertia, expected)
         np.testing.assert_array_equal(Scene([body]).world.bodies.inertia[0], 2.0 * expected)
     content = CONTENTS["two_bodies"]()
-    content["bodies"][0]["inertia"] = ["1e-3", 2e-3, 2.5e-3]
+    content["bodies"][0]["inertia"] = [1e-3, 2e-3, 2.5e-3]
     body = scene_from_dict(content).scene.bodies[0]
     np.testing.assert_array_equal(body.unit_inertia, np.diag([1e-3, 2e-3, 2.5e-3]))
 

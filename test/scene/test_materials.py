@@ -99,7 +99,7 @@ def test_uncertain_materials_vary_by_their_laws(model):
 
 def test_a_file_says_it_of_bodies_and_elements():
     content = CONTENTS["two_bodies"]() | {"integrator": "implicit", "friction": 0.5, "gravity": [0, 0, 0]}
-    content["bodies"][1] |= {"friction": "4e-1", "friction_std": 0.1, "restitution": None}
+    content["bodies"][1] |= {"friction": 0.4, "friction_std": 0.1, "restitution": None}
     content["environment"] = [FLOOR | {"name": "floor", "restitution": 0.7, "restitution_std": 0.1}]
     scene = scene_from_dict(content).scene
     np.testing.assert_array_equal(scene.materials.friction, [0.5, 0.4, 0.5])

@@ -14,9 +14,9 @@ from unc_physics.scene.scene_file import PRESET, scene_from_dict
 TURNED = [0.0, 0.0, 0.6, 0.8]
 SURROUNDINGS = [
     {"plane": {"normal": [0, 0, 2], "offset": -0.5}},
-    {"name": "wall", "box": {"size": [0.1, 2, "1e0"], "position": [1, 0, 0.5], "orientation": TURNED}},
+    {"name": "wall", "box": {"size": [0.1, 2, 1], "position": [1, 0, 0.5], "orientation": TURNED}},
     {"box": {"size": [1, 1, 1]}},
-    {"name": "knob", "sphere": {"radius": "5e-2", "position": [0, 0, 2]}},
+    {"name": "knob", "sphere": {"radius": 0.05, "position": [0, 0, 2]}},
     {"cylinder": {"radius": 0.1, "length": 0.4, "position": [0, 1, 0], "orientation": TURNED}},
     {"capsule": {"radius": 0.1, "length": 0.4}},
 ]
@@ -86,7 +86,7 @@ def test_uncertain_parameters():
     content = CONTENTS["two_bodies"]() | {
         "integrator": "implicit",
         "friction": 0.4,
-        "friction_std": "5e-2",
+        "friction_std": 0.05,
         "restitution": 0.5,
         "restitution_std": 0.1,
         "stiffness_std": 100,
@@ -122,9 +122,9 @@ def test_bodies_at_rest():
     assert [body.at_rest for body in scene.bodies] == [True, False]
 
 
-@pytest.mark.parametrize("origin", [None, [0.2, "1e-1", -3]])
+@pytest.mark.parametrize("origin", [None, [0.2, 0.1, -3]])
 def test_an_error_that_all_bodies_share(origin):
-    std = [0.01, 0.02, 0, "3e-3", 0, 0.01]
+    std = [0.01, 0.02, 0, 3e-3, 0, 0.01]
     plain = scene_from_dict(CONTENTS["everyday"]())
     shared = scene_from_dict(CONTENTS["everyday"]() | {"common_pose_std": std, "common_pose_origin": origin})
     expected = plain.belief.with_common_pose_std(

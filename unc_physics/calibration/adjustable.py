@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks.errors import InvalidOptionError
-from ..checks.names import hint
+from ..checks.names import one_of
 from ..scene.environment import Plane
 from ..scene.scene import Scene
 from .flight import moving_body
@@ -254,9 +254,7 @@ def chosen(scene: Scene, names: Sequence[str] = DEFAULT) -> list[Adjustable]:
     known = adjustables(scene)
     for name in names:
         if name not in known:
-            raise InvalidOptionError(
-                f"must be one of {', '.join(known)}{hint(name, list(known))}", field="fit", value=name
-            )
+            raise InvalidOptionError(one_of(name, known), field="fit", value=name)
     return [known[name] for name in dict.fromkeys(names)]
 
 

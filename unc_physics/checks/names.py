@@ -3,14 +3,68 @@
 from __future__ import annotations
 
 import difflib
+import functools
+import inspect
 from collections.abc import Iterable
+from typing import TypeVar
+
+from .errors import InvalidRequestError
+
+#: What other simulators call a field, and its names here.
+_ELSEWHERE = {
+    "mu": "friction",
+    "friction_coefficient": "friction",
+    "bounce": "restitution",
+    "coefficient_of_restitution": "restitution",
+    "pos": "position",
+    "xyz": "position",
+    "quat": "orientation",
+    "quaternion": "orientation",
+    "rotation": "orientation",
+    "velocity": "linear_velocity",
+    "omega": "angular_velocity",
+}
+Class = TypeVar("Class", bound=type)
 
 
 def hint(name: str, known: Iterable[str]) -> str:
     """Return the end of a sentence about an unknown name: the closest known name, or all if they are few."""
     known = list(known)
-    close = difflib.get_close_matches(name[:50], known, n=1)
-    if close:
-        return f"; did you mean '{close[0]}'?"
+    if meant := suggestion(name, known):
+        return meant
     shown = known[:10] + ["..."] * (len(known) > 10)
     return f"; there {'is' if len(known) == 1 else 'are'} {', '.join(shown)}" if known else "; there is none"
+
+
+def suggestion(name: object, known: Iterable[str]) -> str:
+    """Return the end of a sentence about an unknown name: the known name that is meant, or nothing."""
+    known = list(known)
+    if not isinstance(name, str):
+        return ""
+    close = [own for own in [_ELSEWHERE.get(name)] if own in known]
+    close += difflib.get_close_matches(name[:50], known, n=1)
+    return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def one_of(name: object, known: Iterable[str]) -> str:
+    """Return the sentence about a name that is none of some: all of these, and the one that is meant."""
+    known = list(known)
+    return f"must be one of {', '.join(known)}{suggestion(name, known)}"
+
+
+def with_named_arguments(cls: Class) -> Class:
+    """Decorate a dataclass so that an unknown keyword is refused with the known one that is meant."""
+    init = cls.__init__
+    known = [name for name in inspect.signature(init).parameters if name != "self"]
+
+    @functools.wraps(init)
+    def checked(self, *values, **given):
+        for name, value in given.items():
+            if name not in known:
+                raise InvalidRequestError(
+                    f"is no argument of {type(self).__name__}{hint(name, known)}", field=name, value=value
+                )
+        init(self, *values, **given)
+
+    cls.__init__ = checked
+    return cls

@@ -22,7 +22,9 @@ _COVARIANCE_TOLERANCE = 1e-8
 
 
 def number(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
-    """Return a finite float; strings in Python's float format are accepted, booleans are not."""
+    """Return a finite float; texts and booleans are no numbers."""
+    if isinstance(value, (str, bytes)):
+        raise error("must be a number, not a text", field=field, value=value)
     if isinstance(value, bool):
         raise error("must be a number", field=field, value=value)
     try:
@@ -32,6 +34,15 @@ def number(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> 
     if not math.isfinite(result):
         raise NotFiniteError("must be finite", field=field, value=value)
     return result
+
+
+def number_from_text(text, field, error: type[UncPhysicsError] = InvalidRequestError) -> float:
+    """Return the finite float of a text, as of a command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise error("must be a number", field=field, value=text) from None
+    return number(value, field, error)
 
 
 def instance(value, kinds, field) -> None:
@@ -93,9 +104,11 @@ def integer(value, field, *, low, error: type[UncPhysicsError] = InvalidRequestE
 def numbers(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:
     """Return a float64 array of any shape, as a copy."""
     try:
-        return np.array(value, dtype=float, order="C")
+        if np.asarray(value).dtype.kind not in "SU":
+            return np.array(value, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError):
-        raise error("must be an array of numbers", field=field, value=value) from None
+        pass
+    raise error("must be an array of numbers", field=field, value=value)
 
 
 def array(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:

@@ -91,12 +91,12 @@ def run_import(arguments) -> int:
 
 def _joint(text):
     from ..checks.errors import InvalidOptionError
-    from ..checks.validation import number
+    from ..checks.validation import number_from_text
 
     name, separator, value = text.partition("=")
     if not separator:
         raise InvalidOptionError("must be of the form NAME=VALUE", field="--joint", value=text)
-    return name, number(value, f"--joint {name}")
+    return name, number_from_text(value, f"--joint {name}")
 
 
 def _element(element):

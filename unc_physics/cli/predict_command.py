@@ -102,8 +102,8 @@ def _key_and_value(text):
 
 def run(arguments) -> int:
     """Predict and print the result."""
-    from ..checks.errors import InvalidOptionError
-    from ..checks.validation import integer
+    from ..checks.errors import InvalidHorizonError, InvalidOptionError
+    from ..checks.validation import integer, number_from_text
     from ..plots.scene_animation import draw_animation
     from ..plots.scene_picture import draw_prediction
     from ..prediction.diagnosis import ROLLOUTS
@@ -136,14 +136,18 @@ def run(arguments) -> int:
             value=arguments.samples,
         )
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
-    horizon = horizon if arguments.horizon is None else arguments.horizon
+    if arguments.horizon is not None:
+        horizon = number_from_text(arguments.horizon, "horizon", InvalidHorizonError)
+    period = arguments.period
+    if period is not None:
+        period = number_from_text(period, "period", InvalidHorizonError)
     events = [event_from_text(text, "--event") for text in arguments.event]
     for event in events:
         event.check(scene, "--event")
     if arguments.probabilities:
         events += [*encounters(scene), *(AtRest(name) for name in moving_names(scene))]
     prediction = _predict_with_progress(
-        scene, belief, propagator, horizon, arguments.period, arguments.time_limit, events
+        scene, belief, propagator, horizon, period, arguments.time_limit, events
     )
     _note_what_is_left_out(arguments, scene, propagator, horizon)
     if prediction.left_out:
@@ -339,7 +343,6 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
             )
     if horizon is None:
         return
-    horizon = float(horizon)
     if arguments.period is not None and float(arguments.period) >= horizon:
         note(
             f"--period {float(arguments.period):g} s is not below the horizon of {horizon:g} s, which alone"
@@ -350,12 +353,12 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
 def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit, events):
     """Predict with a progress display."""
     from ..checks.errors import PredictionTimeoutError
-    from ..checks.validation import positive
+    from ..checks.validation import number_from_text, positive
     from ..prediction.predict import predict
     from ..prediction.request_checks import periodic_times
 
     if time_limit is not None:
-        time_limit = positive(time_limit, "--time-limit")
+        time_limit = positive(number_from_text(time_limit, "--time-limit"), "--time-limit")
     times = None if period is None else periodic_times(scene, period, horizon)
     with told_progress(propagator.name, "step", f"a horizon of {horizon} s") as show:
         try:

@@ -50,18 +50,23 @@ def add_rank_command(commands) -> None:
 
 def run(arguments) -> int:
     """Rank and print the result."""
-    from ..checks.validation import positive
+    from ..checks.errors import InvalidHorizonError
+    from ..checks.validation import number_from_text, positive
     from ..prediction.actions_file import load_actions
     from ..prediction.rank import rank
     from ..prediction.ranking_table import ranking_as_table
 
     if arguments.picture is not None:
         check_picture(arguments.picture)
-    limit = None if arguments.time_limit is None else positive(arguments.time_limit, "--time-limit")
+    limit = horizon = None
+    if arguments.time_limit is not None:
+        limit = positive(number_from_text(arguments.time_limit, "--time-limit"), "--time-limit")
+    if arguments.horizon is not None:
+        horizon = number_from_text(arguments.horizon, "horizon", InvalidHorizonError)
     loaded = load_actions(arguments.actions, arguments.models)
     for k, event in enumerate(loaded.also):
         event.check(loaded.scene, f"also[{k}]")
-    horizon = loaded.horizon if arguments.horizon is None else arguments.horizon
+    horizon = loaded.horizon if horizon is None else horizon
     with told_progress("rank", "rollout", f"{len(loaded.actions)} actions") as show:
         ranking = rank(
             loaded.scene,

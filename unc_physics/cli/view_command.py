@@ -91,7 +91,7 @@ def session_of(arguments):
     """Return a session for the arguments, after checks."""
     from ..checks.errors import InvalidRequestError
     from ..checks.names import hint
-    from ..checks.validation import integer, positive
+    from ..checks.validation import integer, number_from_text, positive
     from ..propagators.registry import propagator_from_texts
     from ..scene.scene_file import load_scene
     from ..view.session import Session, check_installed
@@ -103,7 +103,7 @@ def session_of(arguments):
     propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), None, None)
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     if arguments.horizon is not None:
-        horizon = positive(arguments.horizon, "--horizon")
+        horizon = positive(number_from_text(arguments.horizon, "--horizon"), "--horizon")
     names = [body.name for body in scene.bodies]
     for name, _ in arguments.mesh:
         if name not in names:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from ..checks.errors import UnknownModelError
+from ..checks.names import suggestion
 from ..checks.validation import instance
 from .packing_file import SpherePacking, load_packing
 
@@ -88,7 +89,9 @@ def find_model(name_or_path, models_dir=None) -> Path:
         folders = ", ".join(str(folder) for folder in models_dirs(models_dir)) or "no folder"
         known = ", ".join(models) or "none"
         raise UnknownModelError(
-            f"is unknown; the models in {folders} are: {known}", field="model", value=text
+            f"is unknown; the models in {folders} are: {known}{suggestion(text, models)}",
+            field="model",
+            value=text,
         )
     return models[text]
 

@@ -18,6 +18,7 @@ from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import number
 from ..scene.entries import at_field, check_keys, read_numbers
+from ..scene.yaml_file import yaml_value
 from .events import EVENTS, Event
 from .regions import BoxRegion
 
@@ -81,7 +82,7 @@ def read_event(entry, regions: Mapping[str, BoxRegion], place: str) -> Event:
 def event_from_text(text: str, place: str) -> Event:
     """Return the event of a text in YAML, as in ``upright: cup``."""
     try:
-        return read_event(yaml.safe_load(text), {}, place)
+        return read_event(yaml_value(text), {}, place)
     except yaml.YAMLError:
         raise InvalidRequestError(
             "must be an event as in a file of actions, such as 'upright: cup'", field=place, value=text

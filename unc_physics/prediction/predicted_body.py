@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from ..checks.errors import InvalidOptionError, InvalidRequestError
-from ..checks.names import hint
+from ..checks.names import hint, one_of
 from ..propagators.modes import Mode
 from ..scene.parameters import moved_along
 from ..spatial.layout import (
@@ -66,9 +66,7 @@ class PredictedBody:
         if name not in names:
             raise InvalidRequestError(f"is no body of the scene{hint(name, names)}", field="name", value=name)
         if origin not in get_args(Origin):
-            raise InvalidOptionError(
-                f"must be one of {', '.join(get_args(Origin))}", field="origin", value=origin
-            )
+            raise InvalidOptionError(one_of(origin, get_args(Origin)), field="origin", value=origin)
         self._prediction, self._snapshot, self._body = prediction, snapshot, names.index(name)
         self.name, self.time, self.origin = name, snapshot.time, origin
         body = scene.bodies[self._body]
@@ -139,7 +137,7 @@ class PredictedBody:
         """
         if convention not in get_args(Convention):
             raise InvalidOptionError(
-                f"must be one of {', '.join(get_args(Convention))}", field="convention", value=convention
+                one_of(convention, get_args(Convention)), field="convention", value=convention
             )
         if convention == "error_state":
             return self._belief().marginal(self._body).copy()

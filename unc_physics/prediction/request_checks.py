@@ -103,7 +103,11 @@ def marks_of(scene: Scene, horizon: float | None, times: float | Sequence[float]
     if horizon is not None:
         wanted.append(horizon)
     if not wanted:
-        raise InvalidHorizonError("must be given", field="horizon")
+        raise InvalidHorizonError(
+            "must be given: the time to predict for in seconds, as in 'horizon: 1.0' of a scene file,"
+            " '--horizon 1.0' or predict(..., horizon=1.0)",
+            field="horizon",
+        )
     names = [f"times[{k}]" for k in range(len(wanted))]
     if horizon is not None:
         names[-1] = "horizon"
@@ -111,7 +115,12 @@ def marks_of(scene: Scene, horizon: float | None, times: float | Sequence[float]
     for name, value in zip(names, wanted, strict=True):
         mark = _checked_mark(scene, value, name)
         if marks and mark.time < marks[-1].time - RESOLUTION:
-            raise InvalidHorizonError("must not be earlier than the time before it", field=name, value=value)
+            raise InvalidHorizonError(
+                f"must not be earlier than the time before it, {marks[-1].time:.6g} s; times ascend, and the"
+                " horizon is the last",
+                field=name,
+                value=value,
+            )
         if not marks or mark.time > marks[-1].time + RESOLUTION:
             marks.append(mark)
     return marks

@@ -6,11 +6,11 @@ import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from ..checks.errors import NotSupportedError
+from ..checks.errors import InvalidRequestError, NotSupportedError
 from ..propagators.base import PointPairs, Propagator
 from ..propagators.modes import Mode, only_mode, split
 from ..scene.belief import Belief
@@ -123,6 +123,13 @@ class Snapshot:
     flights: Flights | None = None
     received: RemoteAnswers | None = None
     wide: np.ndarray | None = None
+
+    def __getitem__(self, key: object) -> NoReturn:
+        raise InvalidRequestError(
+            f"is no entry of a Snapshot; a body at a time is prediction.body(name, time={self.time:g})",
+            field="key",
+            value=key,
+        )
 
     @cached_property
     def samples(self) -> np.ndarray | None:

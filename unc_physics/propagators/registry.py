@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..checks.errors import InvalidOptionError, UnknownPropagatorError
+from ..checks.names import one_of, suggestion
 from ..checks.validation import instance
 from .base import Propagator
 from .names import BUILT_IN, entries
@@ -61,15 +62,15 @@ def _made(name, options):
     instance(name, str, "name")
     if name not in PROPAGATORS:
         why = f"; it was left out, since {_left_out[name]}" if name in _left_out else ""
-        raise UnknownPropagatorError(
-            f"must be one of {', '.join(PROPAGATORS)}{why}", field="propagator", value=name
-        )
+        raise UnknownPropagatorError(f"{one_of(name, PROPAGATORS)}{why}", field="propagator", value=name)
     cls = PROPAGATORS[name]
     known = cls.options()
     for option, value in options.items():
         if option not in known:
             takes = f"its options are {', '.join(known)}" if known else "it takes none"
-            raise InvalidOptionError(f"is no option of {name}; {takes}", field=option, value=value)
+            raise InvalidOptionError(
+                f"is no option of {name}; {takes}{suggestion(option, known)}", field=option, value=value
+            )
     return cls(**options)
 
 

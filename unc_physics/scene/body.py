@@ -13,6 +13,7 @@ import numpy as np
 
 from ..checks.array_field import Array, MaybeArray, OptionalNumber, array_field
 from ..checks.errors import InvalidMassError, InvalidModelError, InvalidRequestError
+from ..checks.names import with_named_arguments
 from ..checks.validation import array, flag, instance, non_negative, number, numbers, positive
 from ..collision import sphere_tree
 from ..collision.faces import Faces, flat_faces
@@ -53,6 +54,7 @@ def known_mass(mass: float | None, model: SpherePacking, fixed: bool, field: str
     raise InvalidMassError(f"must be given, since model '{model.name}' has no mass of its own", field=field)
 
 
+@with_named_arguments
 @dataclass(frozen=True, eq=False)
 class RigidBody(Surface):
     """Rigid body with a sphere-packed shape and a mass; its friction and restitution are fields of `Surface`.

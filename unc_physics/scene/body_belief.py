@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks.array_field import Array, MaybeArray, OptionalArray, array_field
 from ..checks.errors import InvalidRequestError, NotFiniteError
+from ..checks.names import one_of, with_named_arguments
 from ..checks.validation import array, covariance, non_negative, numbers, point, quaternion
 from ..spatial import origin as origins
 from ..spatial.layout import (
@@ -38,6 +39,7 @@ ORIGINS = ("center_of_mass", "model")
 _STD_LIMIT, _FULL_TURN = 1e150, 2.0 * math.pi
 
 
+@with_named_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BodyBelief:
     """Belief about one body at time 0; the fields are keys of scene files.
@@ -96,9 +98,7 @@ class BodyBelief:
         checked["position"] = point(self.position, "position")
         checked["orientation"] = self._checked_orientation()
         if self.origin not in ORIGINS:
-            raise InvalidRequestError(
-                f"must be one of {', '.join(ORIGINS)}", field="origin", value=self.origin
-            )
+            raise InvalidRequestError(one_of(self.origin, ORIGINS), field="origin", value=self.origin)
         checked |= {name: three_stds(getattr(self, name), name) for name in STDS}
         if checked["orientation_std"].max() > _FULL_TURN:
             raise InvalidRequestError(

@@ -29,7 +29,7 @@ def read_std(value, field):
 
 
 def read_numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> Any:
-    """Return a number, or nested lists of numbers as an array; strings are parsed as Python floats."""
+    """Return a number, or nested lists of numbers as an array."""
     if not shape:
         return number(value, field, error)
     if not isinstance(value, (list, tuple)) or len(value) != shape[0]:

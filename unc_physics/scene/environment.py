@@ -11,6 +11,7 @@ import numpy as np
 
 from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidEnvironmentError, InvalidRequestError, LimitExceededError
+from ..checks.names import with_named_arguments
 from ..checks.validation import FARTHEST, array, non_negative, number, point, positive, quaternion
 from ..collision import shapes
 from ..spatial.rotation import rotation_matrix
@@ -207,6 +208,7 @@ def quantities(kind: type[Element]) -> dict[str, Quantity]:
     return {name: hint.__metadata__[0] for name, hint in types.items() if hasattr(hint, "__metadata__")}
 
 
+@with_named_arguments
 @dataclass(frozen=True, eq=False)
 class Plane(Element):
     """A half-space: floor, table top, wall.
@@ -244,6 +246,7 @@ class Plane(Element):
         return np.zeros(3)
 
 
+@with_named_arguments
 @dataclass(frozen=True, eq=False)
 class Box(Element):
     """A solid box: wall, shelf, bottom of a bin.
@@ -271,6 +274,7 @@ class Box(Element):
         return 0.5 * self.size
 
 
+@with_named_arguments
 @dataclass(frozen=True, eq=False)
 class Sphere(Element):
     """A solid ball.
@@ -296,6 +300,7 @@ class Sphere(Element):
         return np.array([self.radius, 0.0, 0.0])
 
 
+@with_named_arguments
 @dataclass(frozen=True, eq=False)
 class _AlongAxis(Element):
     """Element that is round about its z axis, with a straight part of ``length`` along it."""

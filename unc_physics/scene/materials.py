@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks.errors import InvalidOptionError, InvalidRequestError, UncPhysicsError
-from ..checks.names import hint
+from ..checks.names import one_of
 from ..checks.validation import non_negative, share
 from .material_table import MATERIALS
 
@@ -129,8 +129,7 @@ def _material(name, field, error):
     if name is None:
         return None
     if not isinstance(name, str) or name not in MATERIALS:
-        known = "" if not isinstance(name, str) else hint(name, MATERIALS)
-        raise error(f"must be one of {', '.join(MATERIALS)}{known}", field=field, value=name)
+        raise error(one_of(name, MATERIALS), field=field, value=name)
     return MATERIALS[name]
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from ..checks.errors import InvalidHorizonError, InvalidOptionError, LimitExceededError
+from ..checks.names import one_of
 from ..checks.validation import array, flag, non_negative, positive, share
 
 #: Integrators: the paper's explicit step, or implicit contacts, which friction and resting bodies need.
@@ -54,7 +55,7 @@ def _check_overlap(name, field):
 
 def _one_of(choices, name, field):
     if not isinstance(name, str) or name not in choices:
-        raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=field, value=name)
+        raise InvalidOptionError(one_of(name, choices), field=field, value=name)
     return name
 
 

@@ -19,7 +19,7 @@ from ..checks.errors import (
     InvalidRequestError,
     NoObjectsError,
 )
-from ..checks.names import hint
+from ..checks.names import hint, with_named_arguments
 from ..checks.validation import flag
 from ..collision import sphere_tree
 from ..collision.faces import of_scene
@@ -76,6 +76,7 @@ class UncertainParameter(NamedTuple):
     std: float
 
 
+@with_named_arguments
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Rigid bodies and the physics that acts on them, without state.

@@ -19,6 +19,7 @@ from ..checks.errors import (
     NoObjectsError,
     UncPhysicsError,
 )
+from ..checks.names import one_of
 from ..checks.validation import flag, integer, non_negative, number, positive
 from ..geometry.library import find_model
 from ..geometry.packing_file import SINK, load_packing
@@ -174,7 +175,7 @@ def preset(name, exact=False) -> dict:
     if name is None:
         return {}
     if not isinstance(name, str) or name not in PRESETS:
-        raise InvalidOptionError(f"must be one of {', '.join(PRESETS)}", field=PRESET, value=name)
+        raise InvalidOptionError(one_of(name, PRESETS), field=PRESET, value=name)
     return (EXACT_PRESETS if exact else PRESETS)[name]
 
 

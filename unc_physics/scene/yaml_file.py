@@ -26,6 +26,10 @@ _PROBLEMS = {
 #: Opening signs of multi-line items, by their names in the parser's errors.
 _OPENED = {"flow sequence": "the [", "flow mapping": "the {", "quoted scalar": "the quote"}
 _OCTAL = re.compile(r"[-+]?0[0-7_]+")
+#: Numbers that YAML 1.2 and JSON have, and PyYAML reads as texts.
+_MORE_FLOATS = re.compile(
+    r"(?:[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+|[-+]?(?:inf|Infinity)|nan|NaN)$", re.ASCII
+)
 
 # libyaml, if PyYAML was built with it, is ten times as fast
 _SafeLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -48,6 +52,12 @@ class _Loader(_SafeLoader):
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
         return super().construct_scalar(node)
 
+    def construct_yaml_float(self, node):
+        value = self.construct_scalar(node)
+        if _MORE_FLOATS.match(value):
+            return float(value)
+        return super().construct_yaml_float(node)
+
     def construct_object(self, node, deep=False):
         try:
             return super().construct_object(node, deep)
@@ -66,6 +76,15 @@ class _Loader(_SafeLoader):
                     raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
                 lines[key.value] = key.start_mark.line + 1
         return super().construct_mapping(node, deep)
+
+
+_Loader.add_constructor(_FLOAT, _Loader.construct_yaml_float)
+_Loader.add_implicit_resolver(_FLOAT, _MORE_FLOATS, list("-+.0123456789inIN"))
+
+
+def yaml_value(text: str) -> Any:
+    """Return the value of a short text in YAML; raises `yaml.YAMLError`."""
+    return yaml.load(text, _Loader)
 
 
 def _check_size(text):

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..checks.array_field import Array, array_field
 from ..checks.errors import InvalidCovarianceError, InvalidRequestError
+from ..checks.names import one_of
 from ..checks.validation import array, covariance, point, quaternion
 from ..scene.body import RigidBody
 from ..scene.body_belief import ORIGINS, BodyBelief
@@ -72,9 +73,7 @@ class PoseMeasurement:
         object.__setattr__(self, "pose", _checked_pose(self.pose))
         object.__setattr__(self, "covariance", _checked_covariance(self.covariance, 6))
         if self.origin not in ORIGINS:
-            raise InvalidRequestError(
-                f"must be one of {', '.join(ORIGINS)}", field="origin", value=self.origin
-            )
+            raise InvalidRequestError(one_of(self.origin, ORIGINS), field="origin", value=self.origin)
 
     @property
     def reference(self) -> str | None:
