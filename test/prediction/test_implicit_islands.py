@@ -79,7 +79,7 @@ def test_monte_carlo_is_the_joint_run_bit_for_bit(environment, sleep):
         assert_same(joint, divided)
 
 
-def test_so_it_is_with_uncertain_parameters():
+def uncertainly_thrown():
     scene, belief = thrown(2, BIN)
     bodies = [
         replace(
@@ -92,10 +92,29 @@ def test_so_it_is_with_uncertain_parameters():
         )
         for body in scene.bodies[:-1]
     ]
-    scene = replace(scene, bodies=[*bodies, scene.bodies[-1]])
+    return replace(scene, bodies=[*bodies, scene.bodies[-1]]), belief
+
+
+def test_so_it_is_with_uncertain_parameters():
+    scene, belief = uncertainly_thrown()
     joint, divided = run_both(scene, belief, make_propagator("monte_carlo", samples=6), 1.0)
     assert not joint.scene.shared_parameters
     assert_same(joint, divided)
+
+
+def test_rollouts_that_are_added_are_those_of_one_batch():
+    """Each batch has islands of its own, which may merge at other times."""
+    scene, belief = uncertainly_thrown()
+    scene = replace(scene, islands=True)
+    cloud, auto = (
+        predict(scene, belief, make_propagator(name, runs=80, **options), 0.3, times=[0.1])
+        for name, options in (("cloud", {}), ("auto", {"error": 0.0}))
+    )
+    assert len(auto.carry.states) == 80
+    for one, other in zip(cloud.snapshots, auto.snapshots, strict=True):
+        np.testing.assert_allclose(one.rollout_states, other.rollout_states, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(one.belief.mean, other.belief.mean, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(one.belief.joint, other.belief.joint, rtol=0.0, atol=1e-9)
 
 
 def sliding(gap, speed=0.0):

@@ -112,9 +112,6 @@ def _of_rollouts(errors):
         errors,
         errors,
         1.0,
-        np.zeros(12),
-        np.eye(12),
-        np.ones(12),
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("unc_physics.propagators.standard_errors.moments", lambda runs, scene: [made])

@@ -30,6 +30,8 @@ from .probability import CONFIDENCE, interval
 from .rare_outcomes import WIDE_ROLLOUTS, tail_factor
 from .snapshot import Snapshot
 
+_OUTCOMES_AT_ONCE = 8192  # outcomes of several times in which events are looked for together
+
 
 class Run(NamedTuple):
     """Result of propagating a belief.
@@ -302,20 +304,18 @@ def _with_additional_rollouts(
             wide = wide_states(scene, initial, marks, count)
             factor = _rare_factor(propagator, scene, last, wide[-1])
             more = propagator.additional_rollouts(last, scene, now._replace(rare=factor))
-        again = count if in_islands else 0  # islands have no rollouts to add to
         if more <= 0 or (
-            compute_budget.allowed is not None
-            and spent * (1.0 + (more + again) / count) > compute_budget.allowed
+            compute_budget.allowed is not None and spent * (1.0 + more / count) > compute_budget.allowed
         ):
             return waiting, wide
-        began = clock()
-        runner = IslandRunner(propagator, scene, marks, count + more) if again else propagator
+        began, rollouts = clock(), (count, count + more)
+        runner = IslandRunner(propagator, scene, marks, rollouts) if in_islands else None
         try:
             _, *additional = simulate(
-                partial(runner.init, scene, belief)
-                if again
-                else partial(propagator.init_rollouts, scene, belief, count, count + more),
-                lambda carry, some, runner=runner: runner.advance_through(carry, scene, some),
+                partial(propagator.init_rollouts, scene, belief, *rollouts)
+                if runner is None
+                else partial(runner.init, scene, belief),
+                lambda carry, some, of=runner or propagator: of.advance_through(carry, scene, some),
                 marks,
                 scene,
                 compute_budget,
@@ -324,13 +324,10 @@ def _with_additional_rollouts(
             if compute_budget.limit is not None:
                 compute_budget.limit.flag[0] = 0
             return waiting, wide  # rollouts that are complete are an answer
-        if again:
-            waiting = [(mark, runner.whole(carry)) for mark, carry in additional]
-        else:
-            waiting = [
-                (mark, propagator.concatenate(carry, new))
-                for (mark, carry), (_, new) in zip(waiting, additional, strict=True)
-            ]
+        waiting = [
+            (mark, propagator.concatenate(carry, new if runner is None else runner.whole(new)))
+            for (mark, carry), (_, new) in zip(waiting, additional, strict=True)
+        ]
         simulated += clock() - began
 
 
@@ -357,10 +354,15 @@ def _rare_factor(propagator, scene, carry, wide):
 def _probability_errors(propagator, scene, initial, waiting, events):
     """(T E,): half widths of the intervals of events at all times, in standard deviations."""
     found = []
-    for _, carry in waiting if events else ():
-        first = carry.contact_history.first_time
-        outcomes = RolloutOutcomes(scene, initial.mean, propagator.rollout_states(carry, scene), first)
+    count = rollout_count(waiting[-1][1])
+    together = max(_OUTCOMES_AT_ONCE // count, 1)  # times, as an event takes longer to call than to compute
+    for k in range(0, len(waiting) if events else 0, together):
+        some = [carry for _, carry in waiting[k : k + together]]
+        states = np.concatenate([propagator.rollout_states(carry, scene) for carry in some])
+        first = np.concatenate([carry.contact_history.first_time for carry in some])
+        outcomes = RolloutOutcomes(scene, initial.mean, states, first)
         for event in events:
-            low, high = interval(float(event.happened(outcomes).mean()), len(first))
-            found.append(0.5 * (high - low) / CONFIDENCE)
+            for share in event.happened(outcomes).reshape(len(some), count).mean(axis=1).tolist():
+                low, high = interval(share, count)
+                found.append(0.5 * (high - low) / CONFIDENCE)
     return np.array(found)

@@ -99,11 +99,13 @@ class IslandRunner:
         Whose uncertain parameters are each of one moving body (not `Scene.shared_parameters`).
     marks : sequence of Mark
         Times at which a belief is wanted, ascending; slices end at those that are whole steps.
-    rollouts : int, optional
-        Number of rollouts, in place of the propagator's own (`propagators.base.Rollouts`).
+    rollouts : (int, int), optional
+        The first rollout and the one after the last, in place of all (`propagators.base.Rollouts`).
     """
 
-    def __init__(self, propagator: Any, scene: Scene, marks: Sequence[Mark], rollouts: int | None = None):
+    def __init__(
+        self, propagator: Any, scene: Scene, marks: Sequence[Mark], rollouts: tuple[int, int] | None = None
+    ):
         self._propagator, self._scene, self._rollouts = propagator, scene, rollouts
         # a belief between two steps is that of a copy: whether it is wanted changes no slice
         self._ends = [mark.steps for mark in marks if mark.rest == 0.0] + [marks[-1].count]
@@ -133,7 +135,7 @@ class IslandRunner:
             if self._rollouts is None:
                 whole = self._propagator.init(scene, belief)
             else:
-                whole = self._propagator.init_rollouts(scene, belief, 0, self._rollouts)
+                whole = self._propagator.init_rollouts(scene, belief, *self._rollouts)
             near = _in_contact(whole.contact_history.solver)
         else:
             near = self._near(belief)

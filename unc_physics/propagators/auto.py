@@ -51,8 +51,7 @@ class Auto(Cloud, Anytime):
     A batch simulates only new rollouts, because the points are nested. It has as many as the errors still
     require, at most as many as there are already. It ends when all limits are met, or at ``runs`` rollouts.
     The status says if a limit was missed. Without a time limit the answer depends on nothing but the seed;
-    with one, on the number of rollouts, which it reports (`base.rollout_count`). Islands begin with 64
-    rollouts, and simulate all anew where these are not enough; with a time limit they keep to 64.
+    with one, on the number of rollouts, which it reports (`base.rollout_count`).
     """
 
     name = "auto"
@@ -73,13 +72,13 @@ class Auto(Cloud, Anytime):
 
     def init(self, scene, belief):
         first = FEWEST_RUNS if self.time > 0.0 else _FIRST
-        return self.init_rollouts(scene, belief, 0, min(2 * _FIRST if scene.islands else first, self.runs))
+        return self.init_rollouts(scene, belief, 0, min(first, self.runs))
 
     def additional_rollouts(self, carry, scene, spent):
         count, began = len(carry.states), clock()
         if count >= self.runs or diverged(carry.states) or settled(self._runs(carry), scene):
             return 0
-        if self.time > 0.0 and (scene.islands or self.time <= spent.time):
+        if 0.0 < self.time <= spent.time:
             return 0
         more = min(count, self.runs - count, self._wanted(carry, scene, spent))
         if more > 0 and self.time > 0.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from .free_flight import Flight, course_of, propagate_flight
 from .impact_metric import impact_metric
 from .overlap_depths import overlaps
 from .reduction import Reduction, common_covariance, moved_in_common, reduction
-from .response_surface import ResponseSurface, active_directions, fit, smoother, surface_moments
+from .response_surface import ResponseSurface, active_directions, fit, smoother, solve, surface_moments
 
 #: Blocks of the outcome that are clipped, each with the block that shares the factor; and weights of blocks,
 #: with whether they are measured in radii.
@@ -65,7 +66,7 @@ class Group(NamedTuple):
     flew: bool
 
 
-class GroupFit(NamedTuple):
+class _Fit(NamedTuple):
     """The surface of a group, for all times at which the same bodies have met.
 
     Attributes
@@ -76,25 +77,51 @@ class GroupFit(NamedTuple):
         From the group's numbers z to the surface's coordinates.
     x : (N, d') array
         The rollouts in these.
+    points : (S, d) array
+        The group's numbers z of the points that moments are taken over.
     surface : ResponseSurface
-    map : (S, n) array
-        From outcomes of the first n rollouts to the surface at the points that moments are taken over.
-    mean_row : (N,) array
-    root : (r, n) array
-        As in `response_surface.surface_moments`.
     """
 
     reduced: Reduction | None
     transform: np.ndarray
     x: np.ndarray
+    points: np.ndarray
     surface: ResponseSurface
-    map: np.ndarray
-    mean_row: np.ndarray
-    root: np.ndarray
 
 
-class Moments(NamedTuple):
-    """A group's rollouts at one time, and their moments.
+class GroupFit(_Fit):
+    """A group's surface, and what its moments are computed by, once they are asked for."""
+
+    @cached_property
+    def map(self) -> np.ndarray:
+        """(S, n): from outcomes of the first n rollouts to the surface at `points`."""
+        # einsum, not BLAS, whose threads wait for each other
+        at = np.einsum("sr,rk->sk", self.points, self.transform)
+        return smoother(self.surface, self.columns, at)[0]
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(d', N): `x`, transposed."""
+        return np.ascontiguousarray(self.x.T)
+
+    @cached_property
+    def mean_row(self) -> np.ndarray:
+        """(N,): as in `response_surface.surface_moments`."""
+        here = smoother(self.surface, self.columns, self.x)[0]
+        row = np.full(len(self.x), 1.0 / len(self.x))
+        row[: self.map.shape[1]] += self.map.mean(axis=0) - here.mean(axis=0)
+        return row
+
+    @cached_property
+    def root(self) -> np.ndarray:
+        """(r, n): as in `response_surface.surface_moments`."""
+        # a kernel, not LAPACK, whose threads wait for each other
+        root, _ = pivoted_cholesky(second_moment(self.map - self.map.mean(axis=0)), _RANK)
+        return np.ascontiguousarray(root.T)
+
+
+class _Outcomes(NamedTuple):
+    """A group's rollouts at one time.
 
     Attributes
     ----------
@@ -108,12 +135,6 @@ class Moments(NamedTuple):
         Differences of the first n rollouts from a surface through the others.
     error : float
         Mean square of these over the variance, in outcomes by their spread.
-    shift : (12 m,) array
-        Mean over all outcomes, from that of the rollouts.
-    covariance : (12 m, 12 m) array
-        Without common motion.
-    factors : (12 m,) array
-        By which columns are scaled for it.
     """
 
     group: Group
@@ -122,14 +143,41 @@ class Moments(NamedTuple):
     errors: np.ndarray
     left_out: np.ndarray
     error: float
-    shift: np.ndarray
-    covariance: np.ndarray
-    factors: np.ndarray
+
+
+class Moments(_Outcomes):
+    """A group's rollouts at one time, and their moments, once they are asked for."""
 
     @property
     def has_surface(self) -> bool:
         """Whether the surface says more than the rollouts' mean."""
         return self.error < NO_SURFACE
+
+    @property
+    def shift(self) -> np.ndarray:
+        """(12 m,): mean over all outcomes, from that of the rollouts."""
+        return self._all[0]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(12 m, 12 m): without common motion."""
+        return self._all[1]
+
+    @property
+    def factors(self) -> np.ndarray:
+        """(12 m,): by which columns are scaled for the covariance."""
+        return self._all[2]
+
+    @cached_property
+    def _all(self):
+        size = self.errors.shape[1]
+        if not self.has_surface:
+            return np.zeros(size), second_moment(self.errors), np.ones(size)
+        fitted = self.fit
+        shift, P, _, factors = surface_moments(
+            self.errors, fitted.surface.kriging, fitted.mean_row, fitted.root, _WIDEST
+        )
+        return shift, P, factors
 
 
 class Shared(NamedTuple):
@@ -473,13 +521,10 @@ def _moments_of(runs, scene, group, ends):
     weights = _weights(errors, scene.world.bodies.radius[group.bodies])
     if fitted is None or len(fitted.x) != len(errors):
         fitted = runs.shared.fits[group.key] = _fit(runs, scene, group, reduced, errors * weights)
-    shift, P, left_out, factors = surface_moments(
-        errors, fitted.surface.kriging, fitted.mean_row, fitted.root, _WIDEST
-    )
-    error = _error(errors, left_out, weights)
-    if not error < NO_SURFACE:
-        shift, P, factors = np.zeros(len(shift)), second_moment(errors), np.ones(len(shift))
-    return Moments(group, fitted, mean, errors, left_out, error, shift, P, factors)
+    surface = fitted.surface
+    count = len(surface.kriging)
+    left_out = solve(surface.kriging, surface.coefficients, errors[:count])[2]
+    return Moments(group, fitted, mean, errors, left_out, _error(errors, left_out, weights))
 
 
 @kernel
@@ -513,15 +558,7 @@ def _fit(runs, scene, group, reduced, scaled):
     other = fit(again, scaled, surface)
     if other.error < surface.error:
         transform, x, surface = transform @ to_slopes, again, other
-    columns = np.ascontiguousarray(x.T)
-    # einsum, not BLAS, whose threads wait for each other
-    at = np.einsum("sr,rk->sk", _points_of(runs, group), transform)
-    found, here = smoother(surface, columns, at)[0], smoother(surface, columns, x)[0]
-    mean_row = np.full(len(x), 1.0 / len(x))
-    mean_row[: found.shape[1]] += found.mean(axis=0) - here.mean(axis=0)
-    # a kernel, not LAPACK, whose threads wait for each other
-    root, _ = pivoted_cholesky(second_moment(found - found.mean(axis=0)), _RANK)
-    return GroupFit(reduced, transform, x, surface, found, mean_row, np.ascontiguousarray(root.T))
+    return GroupFit(reduced, transform, x, _points_of(runs, group), surface)
 
 
 @kernel
@@ -555,7 +592,7 @@ def _sampled(runs, scene, found, z):
         made, changed = errors[near], np.full(len(z), -1)
     else:
         fitted, count = found.fit, len(found.left_out)
-        columns = np.ascontiguousarray(fitted.x.T)
+        columns = fitted.columns
         at, near = smoother(fitted.surface, columns, np.einsum("sr,rk->sk", own, fitted.transform))
         here = smoother(fitted.surface, columns, fitted.x)[0]
         changes = np.einsum("sn,nk->sk", at - here[near], errors[:count])
