@@ -136,6 +136,22 @@ def test_ties_are_in_order_of_their_margins():
     assert rank(SCENE, BELIEF, actions, Touches("box", "shelf"), 0.05, rollouts=20).best.margin is None
 
 
+def test_there_is_no_margin_where_contacts_decide():
+    """The box is never above the far region, but touches the shelf: a margin would be negative."""
+    far = InRegion("box", BoxRegion("far", (0.1, 0.1, 0.1), (5.0, 0.0, 0.0)))
+    actions = {"held": {"box": held(0.0)}}
+    for score, estimate, has_margin in (
+        (far | Touches("box", "shelf"), 1.0, False),
+        (~(far & Touches("box", "shelf")), 1.0, True),
+        (~far & ~Touches("box", "shelf"), 0.0, False),
+        (far & Touches("box", "shelf"), 0.0, True),
+    ):
+        (found,) = rank(SCENE, BELIEF, actions, score, HORIZON, rollouts=20)
+        assert found.score.estimate == estimate and (found.margin is not None) == has_margin
+        if has_margin:
+            assert (found.margin > 0.0) == (estimate == 1.0)
+
+
 def test_actions_may_be_given_in_many_ways():
     """As another belief, scene and belief, a function, or fields; also of what is not a belief."""
     mean = BELIEF.mean.copy()

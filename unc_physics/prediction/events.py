@@ -120,10 +120,13 @@ class Event(ABC):
         where events have no distance.
 
         It is positive where the event happens in more than half of them. Contacts have no distance, and do
-        not count.
+        not count; None also where they decide, so that the distances of the rest contradict the outcomes.
         """
         distances = self.scaled_distances(outcomes)
-        return None if distances is None else float(np.median(distances))
+        if distances is None:
+            return None
+        margin, share = float(np.median(distances)), float(self.happened(outcomes).mean())
+        return None if margin * (share - 0.5) < 0.0 else margin
 
     def scaled_distances(self, outcomes: RolloutOutcomes) -> np.ndarray | None:
         """Distances (N,) of the outcomes from the event's border, in standard deviations over them, positive
