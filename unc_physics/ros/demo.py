@@ -117,9 +117,7 @@ def ask() -> Iterator[Answer]:
     with Client(server=f"/{NODE}", timeout=_TIMEOUT) as client:
         client.capabilities()  # returns when the node is ready
         print("The node is ready. Predicting:", flush=True)
-        client.predict(
-            scene, belief, REFERENCE, PERIOD, samples=1, seed=SEED
-        )  # prepares shapes
+        client.predict(scene, belief, REFERENCE, PERIOD, samples=1, seed=SEED)  # prepares shapes
         asked = [(*method, SEED) for method in METHODS]
         for name, samples, seed in [*asked, (REFERENCE, TRUTH, TRUTH_SEED)]:
             started = time.perf_counter()
