@@ -8,7 +8,7 @@ from unc_physics.checks.errors import ErrorCode
 FEW = """
 import sys
 from unc_physics.ros import demo
-demo.METHODS, demo.TRUTH = demo.METHODS[:2], 50
+demo.METHODS, demo.TRUTH = demo.METHODS[:2] + (("linearization", None),), 50
 sys.exit(demo.main(sys.argv[1:]))
 """
 
@@ -22,7 +22,7 @@ def test_the_demo_prints_a_table_and_writes_a_picture(tmp_path):
     output = tmp_path / "picture.png"
     done = run_demo(output, "-c", FEW)
     assert done.returncode == 0, done.stderr
-    for word in ("auto", "monte_carlo, 32", "truth", str(output), "shut down cleanly"):
+    for word in ("auto", "linearization", "monte_carlo, 32", "truth", str(output), "shut down cleanly"):
         assert word in done.stdout
     assert output.read_bytes().startswith(b"\x89PNG") and output.stat().st_size > 50_000
 

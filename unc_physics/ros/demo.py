@@ -23,20 +23,18 @@ import numpy as np
 from ..checks.errors import OutputError, UncPhysicsError
 from ..prediction.events import Upright
 from ..prediction.prediction import Prediction
-from ..propagators.names import ANYTIME, DEFAULT, POINTS, REFERENCE
+from ..propagators.names import ANYTIME, BUILT_IN, REFERENCE
 from .client import Client
 from .demo_scene import HORIZON, PERIOD, table_scene
 
 NODE = "unc_physics_demo"
 TRUTH = 2000  # samples
-#: Methods and their numbers of samples, where these are given. Methods with derivatives are left out: their
-#: kernels would compile for most of a minute.
+#: Methods and their numbers of samples, where these are given.
 METHODS: tuple[tuple[str, int | None], ...] = (
     (ANYTIME, None),
     (REFERENCE, 32),
     (REFERENCE, 200),
-    (POINTS, None),
-    (DEFAULT, None),
+    *((name, None) for name in BUILT_IN if name not in (ANYTIME, REFERENCE)),
 )
 SEED, TRUTH_SEED = 1, 2
 _TIMEOUT = 240.0  # s, of each call; a node that starts for the first time compiles its kernels
