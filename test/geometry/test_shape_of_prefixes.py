@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from unc_physics.geometry import library
 from unc_physics.geometry.library import load_model
 from unc_physics.geometry.packing import pack_solid
+from unc_physics.geometry.primitive_models import primitive_model
 from unc_physics.geometry.primitives import primitive
 from unc_physics.geometry.quality import extent_losses, prefix_lengths, sinks
 from unc_physics.geometry.recipes import RECIPES, recipe_solid
@@ -213,3 +214,35 @@ def test_few_spheres_are_spread_around_a_cylinder():
     around = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     reached = reach(cylinder.centers, cylinder.radii, np.concatenate([around, [[0, 0, 1], [0, 0, -1]]]))
     assert reached[:90].min() > 0.029 and reached[90:].min() > 0.0499
+
+
+def test_a_cylinder_is_lined_evenly_and_rolls_on_nothing_else():
+    radius = 0.03
+    solid = make_solid("cylinder", *primitive("cylinder", (radius, 0.1)))
+    packing = pack_solid(solid, 300)
+    reached = np.hypot(*packing.centers[:, :2].T) + packing.radii
+    rims, others = reached[: packing.radii.argmax()], reached[packing.radii.argmax() :]
+    assert rims.min() > 0.9998 * radius and others.max() < radius - 1e-4
+    upper = packing.centers[: len(rims)][packing.centers[: len(rims), 2] > 0.0]
+    turns = np.diff(np.sort(np.degrees(np.arctan2(upper[:, 1], upper[:, 0]))))
+    np.testing.assert_allclose(turns, 7.5, atol=0.5)
+    assert math.degrees(tilt(packing, (0, 0, -1))) <= 0.1
+    found = math.degrees(tipping_angle(packing.centers, packing.radii, np.array([0.0, 0.0, -1.0])))
+    assert found == pytest.approx(math.degrees(math.atan(radius / 0.05)), abs=1.5)
+
+
+def test_first_spheres_line_a_rim_evenly():
+    solid = make_solid("cylinder", *primitive("cylinder", (0.03, 0.1)))
+    upper = pack_solid(solid, 600).prefix(96).centers
+    upper = upper[upper[:, 2] > 0.0]
+    turns = np.diff(np.sort(np.degrees(np.arctan2(upper[:, 1], upper[:, 0]))))
+    assert len(upper) == 48 and turns.max() < 8.0
+
+
+@pytest.mark.parametrize("length", [0.02, 0.1, 0.3])
+def test_a_capsule_is_a_row_of_balls(length):
+    radius, capsule = 0.03, primitive_model("capsule", radius=0.03, length=length)
+    balls = int(np.sum(capsule.radii > 0.99 * radius))
+    reached = np.hypot(*capsule.centers[:, :2].T) + capsule.radii
+    assert reached[:balls].min() > 0.998 * radius and reached[balls:].max() < radius - 5e-5
+    assert capsule.prefix(balls).extent_loss < 0.002 * radius

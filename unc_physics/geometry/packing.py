@@ -27,7 +27,7 @@ from .packing_file import ROUND_OFF, SpherePacking, spheres_reach
 from .quality import even_directions, extent_losses, prefix_lengths, sinks
 from .solid_mesh import SolidMesh
 from .sphere_grid import empty_grid, grown, insert_spheres
-from .supports import support_spheres
+from .supports import Supports, support_spheres
 from .surface_gap import surface_gap
 from .triangle_tree import build_triangle_tree
 
@@ -53,6 +53,7 @@ def pack_solid(
     count: int,
     *,
     largest_first: bool = False,
+    supports: Supports | None = None,
     mass: float | None = None,
     threads: int | None = None,
     progress: Callable[[int, float], None] | None = None,
@@ -69,6 +70,8 @@ def pack_solid(
     largest_first : bool
         Whether all spheres are in order of size. Few spheres then fill the solid best, but edges and rims
         are missing.
+    supports : Supports, optional
+        The first spheres, about the centre of mass [m]; by default they are computed from the mesh.
     mass : float, optional
         Default mass for the model file [kg].
     threads : int, optional
@@ -108,7 +111,9 @@ def pack_solid(
     unit = 2.0 ** np.floor(np.log2(solid.bounding_radius))
     corners = solid.corners / unit
     with GreedyPacker(corners, count, threads or os.cpu_count() or 1) as packer:
-        if not (largest_first or _is_round(corners, packer.threads)):
+        if supports is not None:
+            packer.put(supports.scaled(1.0 / unit))
+        elif not (largest_first or _is_round(corners, packer.threads)):
             packer.put(support_spheres(packer.corners, packer.space.tree, int(SUPPORTS * count)))
         spheres = packer.run(progress, solid.volume / unit**3) * unit
     centers, radii = spheres[:, :3], spheres[:, 3]
@@ -158,6 +163,7 @@ class GreedyPacker:
         self.lower, self.upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.size = float(np.max(self.upper - self.lower))
         self.placed = self.put_first = 0
+        self.supports: Supports | None = None
         self.threads = threads
         self.pool = ThreadPoolExecutor(threads)
         reach = float(np.min(self.upper - self.lower))  # no ball inside has a larger radius than half of it
@@ -170,10 +176,11 @@ class GreedyPacker:
     def __exit__(self, *_):
         self.pool.shutdown(cancel_futures=True)
 
-    def put(self, spheres):
-        """Place spheres (s, 4) before all others."""
-        self.placed = self.put_first = len(spheres)
-        self.space.spheres[: self.placed] = spheres
+    def put(self, supports: Supports):
+        """Place the spheres of supports before all others."""
+        self.supports = supports
+        self.placed = self.put_first = len(supports.spheres)
+        self.space.spheres[: self.placed] = supports.spheres
 
     def run(self, progress, volume):
         """Place the spheres; returns them (n, 4), ordered."""
@@ -209,7 +216,10 @@ class GreedyPacker:
                 break
             candidates = np.concatenate(small)
             bound *= LEVEL
-        rest = nested_order(spheres[self.put_first : self.placed], self.lower, self.size)
+        rest = spheres[self.put_first : self.placed]
+        if self.supports is not None:
+            rest = self.supports.receded(rest)
+        rest = nested_order(rest, self.lower, self.size)
         return np.concatenate([spheres[: self.put_first], rest])
 
     def number_of_starts(self, level, radius):

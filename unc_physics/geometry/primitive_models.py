@@ -23,13 +23,13 @@ SIZES = {
     "capsule": ("radius", "length"),
 }
 #: Number of spheres of a packed shape.
-SPHERES = 300
+SPHERES = 600
 
 
 def primitive_model(shape: str, **size) -> SpherePacking:
     """Return the model of a sphere, box, cylinder or capsule about its centre.
 
-    A sphere is exact. The others are packed with 300 spheres, which needs the extra ``geometry`` and may take
+    A sphere is exact. The others are packed with 600 spheres, which needs the extra ``geometry`` and may take
     a minute when a size is used for the first time. Afterwards the packing is read from the cache folder.
 
     Parameters
@@ -96,8 +96,10 @@ def _packed(shape, lengths):
     try:
         from .packing import pack_solid
         from .solid_mesh import make_solid
+        from .supports import capsule_supports
 
-        packing = pack_solid(make_solid(shape, *primitive(shape, lengths)), SPHERES)
+        supports = capsule_supports(*lengths) if shape == "capsule" else None
+        packing = pack_solid(make_solid(shape, *primitive(shape, lengths)), SPHERES, supports=supports)
     except ImportError as error:
         raise NotSupportedError(
             f"needs {error.name} to be packed: pip install 'unc_physics[geometry]'", field=shape

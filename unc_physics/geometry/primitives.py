@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-_AROUND = 64  # corners around what is round
+_AROUND, _ALONG = 192, 64  # corners around what is round: 0.013 % of the radius are cut off
 _SUBDIVISIONS = 3  # of a ball
 
 #: The shapes, and how many numbers their size has.
@@ -36,6 +36,6 @@ def primitive(kind: str, size: Sequence[float], subdivisions: int = _SUBDIVISION
     elif kind == "cylinder":
         mesh = create.cylinder(size[0], size[1], sections=_AROUND)
     else:
-        mesh = create.capsule(height=size[1], radius=size[0], count=[_AROUND, _AROUND])
+        mesh = create.capsule(height=size[1], radius=size[0], count=[_ALONG, _AROUND])
         mesh.apply_translation(-mesh.bounds.mean(axis=0))
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)

@@ -22,6 +22,7 @@ from .solid_mesh import winding_number
 from .triangle_tree import nearest_on_mesh
 
 # Shares of the hull's size:
+RECESS = 0.003  # how far other spheres stay below the narrow faces on which a body rolls
 REACH = 0.004  # how far a sphere ends from its place, at most
 OUTSIDE = 0.003  # how far a corner of a face may be outside of the hull of the places on it
 STICKING_OUT = 0.007  # how far a corner of the hull may be outside of the hull of the spheres
@@ -30,9 +31,13 @@ NARROW = 0.06  # a face's width
 OFF_CENTRE = 0.05  # how far the centre of mass may be beside a narrow face on which the body can rest
 LARGEST = 0.2  # radius of a sphere
 SMALLEST = 1e-3  # radius of a sphere
-TURN = math.radians(2.0)  # between narrow faces that get places of their own, at least
-ROLLING = 0.7  # share of the places that narrow faces get, at most
-_COARSER = 1.2  # how much more they are turned apart where they are too many
+# Turn between the first narrow faces around the body that get places of their own, and how often it is
+# halved: as long as narrow faces get no more than a share of the places.
+FIRST_TURN, HALVINGS = math.radians(120.0), 6
+ROLLING = 0.7
+_STRIP = math.radians(30.0)  # turn to the next face of a strip around the body, at most
+_KEPT = 0.3  # of its radius: a sphere that recedes to less vanishes
+_INSCRIBED = 1e-3  # of the radius
 _COPLANAR = 1e-7
 _ROUNDS = 30
 # Against the radius: of a gap to a face, low enough for faces that spheres inside the mesh cannot touch, and
@@ -149,15 +154,17 @@ class Places:
 
     def add_resting(self):
         """Add places on the faces on which the body can rest, the narrow ones first."""
-        for k in self._narrow_faces():
-            face = self.resting[k]
-            if face.extent[0] <= NARROW * self.size:
-                self.add(face.corners.mean(axis=0), k)
-                continue
-            along = face.corners @ face.frame[0]
-            for end in (along, -along):
-                self.add(face.corners[end >= end.max() - 0.5 * face.extent[1]].mean(axis=0), k)
-        self.rolling = len(self.points)
+        self.levels = []
+        for level in self._narrow_faces():
+            for k in level:
+                face = self.resting[k]
+                if face.extent[0] <= NARROW * self.size:
+                    self.add(face.corners.mean(axis=0), k)
+                    continue
+                along = face.corners @ face.frame[0]
+                for end in (along, -along):
+                    self.add(face.corners[end >= end.max() - 0.5 * face.extent[1]].mean(axis=0), k)
+            self.levels.append(len(self.points))
         for k in np.flatnonzero(~self.is_narrow):
             face = self.resting[k]
             while True:
@@ -168,19 +175,22 @@ class Places:
                     break
 
     def _narrow_faces(self):
-        """Return the numbers of narrow faces that get places: evenly around the body, and not too many."""
-        turn = TURN
-        while True:
-            chosen, normals = [], np.empty((0, 3))
-            for k in np.flatnonzero(self.is_narrow):
-                normal = self.resting[k].normal
-                if not (normals @ normal > math.cos(turn)).any():
-                    normals = np.vstack([normals, normal])
-                    chosen.append(k)
-            ends = sum(1 + (self.resting[k].extent[0] > NARROW * self.size) for k in chosen)
-            if ends <= ROLLING * self.most or turn > math.pi:
-                return chosen
-            turn *= _COARSER
+        """Return the numbers of narrow faces that get places, evenly around the body: a list for each level.
+
+        Each level halves the turn between those before.
+        """
+        faces = np.flatnonzero(self.is_narrow)
+        ends = np.array([1 + (self.resting[k].extent[0] > NARROW * self.size) for k in faces], np.int64)
+        strips = _strips(np.array([self.resting[k].normal for k in faces]).reshape(-1, 3))
+        levels, chosen = [], np.empty(0, np.int64)
+        for level in range(HALVINGS + 1):
+            found = [strip[_evenly(turns, level)] for strip, turns in strips]
+            new = np.setdiff1d(np.concatenate([chosen, *found]), chosen)
+            chosen = np.concatenate([chosen, new])
+            if levels and ends[chosen].sum() > ROLLING * self.most:
+                break
+            levels.append(faces[new])
+        return levels
 
     def add_extremes(self, points, within):
         """Add corners of the hull of points until none is outside of the hull of places and ``within``."""
@@ -207,6 +217,38 @@ class Places:
                 inner.add_points(corners[farthest][None])
 
 
+def _strips(normals):
+    """Group normals (n, 3) into strips around a body: their numbers in order, and the turn to each next one.
+
+    The last turn leads back to the first, and is infinite where the strip is open.
+    """
+    left, strips = list(range(len(normals))), []
+    while left:
+        strip = [left.pop(0)]
+        turns = []
+        while True:
+            angles = np.arccos(np.clip(normals[left] @ normals[strip[-1]], -1.0, 1.0))
+            nearest = int(angles.argmin()) if left else 0
+            if not left or angles[nearest] > _STRIP:
+                break
+            turns.append(angles[nearest])
+            strip.append(left.pop(nearest))
+        back = float(np.arccos(np.clip(normals[strip[-1]] @ normals[strip[0]], -1.0, 1.0)))
+        closed = len(strip) > 2 and back <= _STRIP
+        strips.append((np.array(strip), np.array([*turns, back if closed else np.inf])))
+    return strips
+
+
+def _evenly(turns, level):
+    """Return which faces of a strip to take on a level: evenly, with those of the levels before."""
+    at = np.concatenate([[0.0], np.cumsum(turns[:-1])])
+    closed = math.isfinite(turns[-1])
+    whole = at[-1] + (turns[-1] if closed else 0.0)
+    count = max(1, int(whole / FIRST_TURN + 1e-6)) << level
+    wanted = np.arange(count + (not closed)) / count * whole
+    return np.unique(np.abs(at - wanted[:, None]).argmin(axis=1))
+
+
 def _outside_all(points, polygon):
     """Return the distances of points (n, 2) outside of the convex hull of others."""
     from scipy.spatial import ConvexHull, QhullError
@@ -220,8 +262,48 @@ def _outside_all(points, polygon):
     return (points @ equations[:, :2].T + equations[:, 2]).max(axis=1)
 
 
-def support_spheres(corners, tree, most):
+class Supports(NamedTuple):
     """The first spheres of a packing (s, 4), in an order in which any first part spreads evenly.
+
+    ``normals`` (f, 3) and ``heights`` (f,) are planes below which all other spheres stay. A body then
+    rolls on the spheres that line its rims alone.
+    """
+
+    spheres: np.ndarray
+    normals: np.ndarray
+    heights: np.ndarray
+
+    def scaled(self, scale) -> Supports:
+        """Return them with all lengths multiplied by ``scale``."""
+        return Supports(self.spheres * scale, self.normals, self.heights * scale)
+
+    def receded(self, spheres):
+        """Return spheres (n, 4), made smaller to stay below the planes, without those that vanish."""
+        over = (spheres[:, :3] @ self.normals.T - self.heights).max(axis=1, initial=-np.inf) + spheres[:, 3]
+        radii = spheres[:, 3] - np.maximum(over, 0.0)
+        kept = radii > _KEPT * spheres[:, 3]
+        return np.column_stack([spheres[:, :3], radii])[kept]
+
+
+def capsule_supports(radius, length) -> Supports:
+    """Return the supports of a capsule along z, ``length`` between the centres of its ends: balls.
+
+    They overlap in a short one, and are by ``_INSCRIBED`` smaller than it, to lie inside its mesh.
+    """
+    balls = max(2, int(length / (2.0 * radius)) + 1)
+    spheres = np.zeros((balls, 4))
+    spheres[:, 2] = np.linspace(-0.5 * length, 0.5 * length, balls)
+    spheres[:, 3] = (1.0 - _INSCRIBED) * radius
+    angle = np.arange(0.0, 2.0 * math.pi, 0.5 * FIRST_TURN / (1 << HALVINGS))
+    normals = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    size = float(np.cbrt(math.pi * radius**2 * (length + 4.0 / 3.0 * radius)))
+    return Supports(
+        spheres[[0, -1, *range(1, balls - 1)]], normals, np.full(len(angle), radius - RECESS * size)
+    )
+
+
+def support_spheres(corners, tree, most) -> Supports:
+    """Return the spheres that give a packing its extent, flat faces and rims.
 
     Parameters
     ----------
@@ -235,7 +317,7 @@ def support_spheres(corners, tree, most):
     points = np.unique(corners.reshape(-1, 3), axis=0)
     faces, size = hull_faces(points)
     if not faces or most < 4:
-        return np.empty((0, 4))
+        return Supports(np.empty((0, 4)), np.empty((0, 3)), np.empty(0))
     resting = resting_faces(faces, size)
     places = Places(resting, size, most)
     places.add_resting()
@@ -246,8 +328,16 @@ def support_spheres(corners, tree, most):
     ).reshape(-1, 3)
     places.add_extremes(points, ends)
     fit.add(places)
-    rolling = fit.place_of < places.rolling
-    return np.concatenate([_spread(fit.spheres[~rolling]), _spread(fit.spheres[rolling])])
+    level = np.searchsorted(places.levels, fit.place_of, side="right")
+    rolling = level < len(places.levels)
+    narrow = [face for face, is_narrow in zip(resting, places.is_narrow, strict=True) if is_narrow]
+    normals = np.array([face.normal for face in narrow]).reshape(-1, 3)
+    heights = np.array([face.height for face in narrow]) - RECESS * size
+    found = Supports(np.empty((0, 4)), normals, heights)
+    lining = np.array([bool(places.touched[k]) for k in fit.place_of], bool)
+    first = np.concatenate([fit.spheres[lining & ~rolling], found.receded(fit.spheres[~lining])])
+    lines = [_spread(fit.spheres[level == k]) for k in range(len(places.levels))]
+    return found._replace(spheres=np.concatenate([_spread(first), *lines]))
 
 
 def _spread(spheres):
