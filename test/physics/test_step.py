@@ -205,10 +205,10 @@ def test_free_flight_is_the_closed_form(seed, steps, damping):
 
 def test_drift_uses_the_velocity_before_damping_and_gravity():
     scene = Scene(
-        [RigidBody("ball", packing([[0, 0, 0]], [0.1]), 1.0)], dt=0.5, damping=1.0, gravity=[0, 0, -2.0]
+        [RigidBody("ball", packing([[0, 0, 0]], [0.1]), 1.0)], dt=0.25, damping=2.0, gravity=[0, 0, -4.0]
     )
     after = stepped(scene, state(velocity=(1, 0, 0))[None])[0]
-    np.testing.assert_allclose(after[:3], [0.5, 0, 0])
+    np.testing.assert_allclose(after[:3], [0.25, 0, 0])
     np.testing.assert_allclose(after[3:6], [np.exp(-0.5), 0, -1.0])
 
 

@@ -289,3 +289,14 @@ def test_an_elastic_mug_keeps_its_energy_or_is_flagged(steps):
         lost = 1.0 - energy(scene, end) / energy(scene, x[None])
         assert says(status, "energy_loss") or lost < 0.02
         assert not says(status, "energy_loss") or lost > 0.01
+
+
+@pytest.mark.parametrize(
+    ("steps", "height", "flagged"), [(30, 0.0, True), (30, 100.0, False), (60, 0.0, False)]
+)
+def test_long_steps_are_flagged_in_contact_alone(steps, height, flagged):
+    body = RigidBody("a", BALL, 1.0)
+    scene = Scene.everyday([body], exact=True, environment=[Plane()], dt=1.0 / steps)
+    start = state(position=(0.0, 0.0, BALL.radii[0] + height))
+    status = assess(predicted(scene, [start], 0.5), rollouts=0)[0]
+    assert says(status, "contact_step") is flagged

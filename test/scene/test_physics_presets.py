@@ -6,7 +6,12 @@ from example_scenes import CONTENTS
 from plain_scenes import ball
 
 from unc_physics import Box, Plane, RigidBody, Scene, auto_stiffness, predict
-from unc_physics.checks.errors import InvalidOptionError, InvalidRequestError, LimitExceededError
+from unc_physics.checks.errors import (
+    InvalidHorizonError,
+    InvalidOptionError,
+    InvalidRequestError,
+    LimitExceededError,
+)
 from unc_physics.scene.parameters import vary_materials
 from unc_physics.scene.physics_summary import physics_as_text, physics_of
 from unc_physics.scene.presets import EXACT_PRESETS, PRESETS
@@ -99,6 +104,13 @@ def test_a_given_friction_is_exact_unless_its_std_is_given(entry, friction, std)
 def test_bad_spreads_are_refused(entries, sentence):
     with pytest.raises(InvalidRequestError, match=sentence):
         read(physics="everyday", **entries)
+
+
+@pytest.mark.parametrize("dt", [0.5, 240.0])
+def test_a_rate_in_place_of_a_step_is_refused(dt):
+    sentence = "dt is in seconds and must be at most 0.25; for 240 steps a second write 0.004167"
+    with pytest.raises(InvalidHorizonError, match=sentence):
+        read(physics="everyday", dt=dt)
 
 
 def test_nothing_is_uncertain_where_nothing_can_touch(model):

@@ -719,6 +719,21 @@ def impact_over_capacity(evidence):
 
 @_measure(
     Status.NOT_CONVERGED,
+    0.025,
+    "the step is too long for contacts that roll or tip; lower dt to {shorter:.2g} s, or better to 1/240 s",
+    unit="s",
+    in_contact=True,
+)
+def contact_step(evidence):
+    """Time step of a body in contact [s]. Beyond the limit, rolling bodies lose speed, and boxes tip over.
+    With the implicit integrator.
+    """
+    scene = evidence.scene
+    return np.full(len(scene.bodies), scene.dt) if scene.integrator == "implicit" else None
+
+
+@_measure(
+    Status.NOT_CONVERGED,
     1.0,
     "contact forces did not converge; a smaller dt, now {dt:.3g} s, or masses that differ less, help",
     in_contact=True,

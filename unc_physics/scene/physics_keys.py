@@ -38,6 +38,10 @@ class PhysicsKey(NamedTuple):
     size: int = 1
 
 
+#: Longest time step; longer ones are taken for a number of steps a second [s].
+LONGEST_STEP = 0.25
+
+
 def check_integrator(name: Any, field: str = "integrator") -> str:
     """Return the name, or raise `InvalidOptionError` if it is not an integrator."""
     if isinstance(name, str) and name in _SUCCESSORS:
@@ -60,7 +64,16 @@ def _one_of(choices, name, field):
 
 
 def _time_step(value, field):
-    return positive(value, field, InvalidHorizonError)
+    step = positive(value, field, InvalidHorizonError)
+    if step > LONGEST_STEP:
+        rate = step if step > 1.0 else 240.0
+        raise InvalidHorizonError(
+            f"is in seconds and must be at most {LONGEST_STEP:g}; for {rate:g} steps a second write"
+            f" {1.0 / rate:.4g}",
+            field=field,
+            value=value,
+        )
+    return step
 
 
 def _gravity(value, field):
