@@ -17,6 +17,7 @@ from unc_physics import Belief, RigidBody, Scene, Status, load_model, make_propa
 from unc_physics.dynamics import contact_history
 from unc_physics.dynamics.rollout import rollout
 from unc_physics.geometry.packing import pack_solid
+from unc_physics.geometry.primitive_models import primitive_model
 from unc_physics.geometry.primitives import primitive
 from unc_physics.geometry.solid_mesh import make_solid
 from unc_physics.prediction.status import assess
@@ -144,6 +145,19 @@ def down_an_incline(count, degrees, dt=1 / 240, time=0.4):
 def test_a_can_rolls_on(count):
     assert 0.97 <= rolled(count, 1 / 240) <= 1.005
     assert 0.99 <= rolled(count, 1 / 1000) <= 1.005
+
+
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("count", [300, 600])
+@pytest.mark.parametrize(
+    "shape, radius, length",
+    [("cylinder", 0.0365, 0.11), ("cylinder", 0.04, 0.02), ("cylinder", 0.1, 0.3), ("capsule", 0.03, 0.1)],
+)
+def test_simple_shapes_roll_on(shape, radius, length, count, dt):
+    model = primitive_model(shape, radius=radius, length=length).prefix(count)
+    scene = Scene.everyday([RigidBody("b", model, 0.4)], exact=True, environment=[Plane()], dt=dt)
+    start = state((0, 0, radius + 2e-5), (0.4, 0, 0), (0, 0.4 / radius, 0), turned(np.pi / 2, 0, 0))
+    assert run(scene, start, 4.0)[0, 3] / 0.4 == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
