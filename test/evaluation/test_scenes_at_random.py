@@ -83,7 +83,7 @@ def test_rows_of_methods_are_counted_and_written(tmp_path):
 
 def test_there_are_all_kinds_and_enough_scenes():
     full, quick = (scenes_at_random.jobs(Settings(quick=quick)) for quick in (False, True))
-    assert len(full) >= 200 and all(job.parameters["truth"] == 4000 for job in full)
+    assert len(full) >= 200 and all(job.parameters["truth"] == 1000 for job in full)
     for jobs in (full, quick):
         assert {kind_of(job.parameters["scene"]) for job in jobs} == set(KINDS)
 

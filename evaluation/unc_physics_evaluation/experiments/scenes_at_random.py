@@ -25,7 +25,7 @@ from ..results import Results, Rows
 from ..tables import table
 
 TITLE = "Random everyday scenes: wrong, and said so"
-SCENES, OUTCOMES = 204, 4000
+SCENES, OUTCOMES = 204, 1000
 QUICK_SCENES, QUICK_OUTCOMES = 4 * len(KINDS), 500
 #: What is asked, by what people read.
 METHODS = {
