@@ -152,10 +152,10 @@ def corrected(
         mine = np.flatnonzero(groups == groups[k])
         columns = (ERROR * mine[:, None] + np.arange(ERROR)).ravel()
         columns = np.concatenate([columns, np.arange(ERROR * len(moving), errors.shape[1])])
-        pair = _Pair(one.body, k, one.reference, place[one.reference])
+        bodies = _MeasuredBodies(one.body, k, one.reference, place[one.reference])
         reading = _Reading(seen.kind, seen.value, seen.point, seen.noise, one.delay)
         own_gates = Gates(*(np.array(gates) * len(seen.noise) / 6.0))
-        square, density, accepted = correct_errors(mean, errors, columns, pair, reading, own_gates, change)
+        square, density, accepted = correct_errors(mean, errors, columns, bodies, reading, own_gates, change)
         innovations.append(Innovation(square, density, accepted))
         if accepted:
             changed = True
@@ -179,7 +179,7 @@ def _move_mean(mean, bodies, change, rows):
         boxplus(before, change[row : row + ERROR], mean[body])
 
 
-class _Pair(NamedTuple):
+class _MeasuredBodies(NamedTuple):
     """The measured body and the one that it refers to, and their places among the moving bodies.
 
     The place of a body that does not move is -1.
@@ -202,7 +202,7 @@ class _Reading(NamedTuple):
 
 
 @kernel(noinline=True)
-def correct_errors(mean, errors, columns, pair, reading, gates, change):
+def correct_errors(mean, errors, columns, bodies, reading, gates, change):
     """Correct the errors (N, n) of an ensemble about its mean (B, 13) in place, by one measurement.
 
     ``columns`` are those of the errors that the measurement corrects. ``gates`` are those of a measurement of
@@ -214,12 +214,12 @@ def correct_errors(mean, errors, columns, pair, reading, gates, change):
         Squared distance of the innovation and logarithm of its density, without the gates.
     accepted : bool
     """
-    count, m, k, r_k = len(errors), len(reading.noise), pair.place, pair.reference_place
-    Z, x, other = empty((count, m)), empty(13), mean[pair.reference].copy()
+    count, m, k, r_k = len(errors), len(reading.noise), bodies.place, bodies.reference_place
+    Z, x, other = empty((count, m)), empty(13), mean[bodies.reference].copy()
     for n in range(count):
-        boxplus(mean[pair.body], errors[n, ERROR * k : ERROR * (k + 1)], x)
+        boxplus(mean[bodies.body], errors[n, ERROR * k : ERROR * (k + 1)], x)
         if reading.kind == RELATIVE_POSE and r_k >= 0:
-            boxplus(mean[pair.reference], errors[n, ERROR * r_k : ERROR * (r_k + 1)], other)
+            boxplus(mean[bodies.reference], errors[n, ERROR * r_k : ERROR * (r_k + 1)], other)
         write_residual(x, other, reading.kind, reading.value, reading.point, reading.delay, Z[n])
     y, S, R = empty(m), zeros((m, m)), reading.noise.copy()
     for r in range(m):
