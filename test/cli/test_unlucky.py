@@ -261,7 +261,7 @@ def test_a_time_limit(tmp_path, capsys):
     assert main(["predict", str(tmp_path / "long.yaml"), "--time-limit", "0.2"]) == ErrorCode.TIMEOUT
     (line,) = text_of(capsys)[1]
     assert main(["predict", str(tmp_path / "long.yaml"), "--time-limit", "0"]) != 0
-    assert "--time-limit must be positive (got '0')" in text_of(capsys)[1][0]
+    assert "--time-limit must be positive (got 0.0)" in text_of(capsys)[1][0]
     assert "--time-limit ran out" in line
 
 

@@ -165,7 +165,7 @@ def test_a_surface_tilts():
         "exact": True,
         "friction": None,
         "bodies": [{"name": "pin", "model": "pin", "position": [0, 0, 1]}],
-        "environment": [{"plane": {}, "surface_tilt_std": "1e-2"}],
+        "environment": [{"plane": {}, "surface_tilt_std": 1e-2}],
     }
     plane = scene_from_dict(content).scene.environment[0]
     assert plane.surface_tilt_std == 0.01

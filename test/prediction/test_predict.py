@@ -145,7 +145,7 @@ def test_a_computation_time_that_is_none(scene_and_belief, seconds):
 @pytest.mark.parametrize(
     "horizon, error",
     [(horizon, InvalidHorizonError) for horizon in (0.0, -1.0, 0.004, "abc", True, [1.0])]
-    + [(horizon, NotFiniteError) for horizon in (np.nan, "-inf")]
+    + [(horizon, NotFiniteError) for horizon in (np.nan, -np.inf)]
     + [(1e300, LimitExceededError)],
 )
 def test_a_horizon_that_is_none(scene_and_belief, horizon, error):

@@ -323,6 +323,7 @@ def test_bad_scores(node, client, change, code, words):
 
 def test_the_time_of_a_ranking_runs_out(node, client):
     request = ranked([ABOVE], samples=20_000, max_computation_time=duration(0.3), horizon=duration(50.0))
+    with_physics(request.request, sleep=False)
     response = ask(client, request)
     assert response.result.error_code == ErrorCode.TIMEOUT
     assert {entry.result.error_code for entry in response.predictions} == {ErrorCode.TIMEOUT}

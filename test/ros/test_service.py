@@ -250,7 +250,7 @@ def test_a_budget_of_time_that_not_even_the_fewest_rollouts_keep(predict):
     request = good_request(horizon=60.0)
     request.time_budget = duration(0.05)
     request.scene.environment.elements = [EnvironmentElement(plane=Plane(coef=[0.0, 0.0, 1.0, 0.5]))]
-    response = predict(with_physics(request, gravity=(0.0, 0.0, -9.81)))
+    response = predict(with_physics(request, gravity=(0.0, 0.0, -9.81), sleep=False))
     assert response.result.error_code == ErrorCode.TIMEOUT
     assert "time_budget" in response.result.error_msg and "0.05" in response.result.error_msg
     for predicted in response.prediction.objects:

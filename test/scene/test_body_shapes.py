@@ -31,7 +31,12 @@ def few_spheres(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     primitive_models._packed.cache_clear()
     made, pack = [], packing.pack_solid
-    monkeypatch.setattr(packing, "pack_solid", lambda *given: made.append(given) or pack(*given))
+
+    def packed(*given, **options):
+        made.append(given)
+        return pack(*given, **options)
+
+    monkeypatch.setattr(packing, "pack_solid", packed)
     yield made
     primitive_models._packed.cache_clear()
 

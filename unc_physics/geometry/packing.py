@@ -27,7 +27,7 @@ from .packing_file import ROUND_OFF, SpherePacking, spheres_reach
 from .quality import even_directions, extent_losses, prefix_lengths, sinks
 from .solid_mesh import SolidMesh
 from .sphere_grid import empty_grid, grown, insert_spheres
-from .supports import Supports, support_spheres
+from .supports import SupportSpheres, support_spheres
 from .surface_gap import surface_gap
 from .triangle_tree import build_triangle_tree
 
@@ -53,7 +53,7 @@ def pack_solid(
     count: int,
     *,
     largest_first: bool = False,
-    supports: Supports | None = None,
+    supports: SupportSpheres | None = None,
     mass: float | None = None,
     threads: int | None = None,
     progress: Callable[[int, float], None] | None = None,
@@ -70,7 +70,7 @@ def pack_solid(
     largest_first : bool
         Whether all spheres are in order of size. Few spheres then fill the solid best, but edges and rims
         are missing.
-    supports : Supports, optional
+    supports : SupportSpheres, optional
         The first spheres, about the centre of mass [m]; by default they are computed from the mesh.
     mass : float, optional
         Default mass for the model file [kg].
@@ -163,7 +163,7 @@ class GreedyPacker:
         self.lower, self.upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         self.size = float(np.max(self.upper - self.lower))
         self.placed = self.put_first = 0
-        self.supports: Supports | None = None
+        self.supports: SupportSpheres | None = None
         self.threads = threads
         self.pool = ThreadPoolExecutor(threads)
         reach = float(np.min(self.upper - self.lower))  # no ball inside has a larger radius than half of it
@@ -176,7 +176,7 @@ class GreedyPacker:
     def __exit__(self, *_):
         self.pool.shutdown(cancel_futures=True)
 
-    def put(self, supports: Supports):
+    def put(self, supports: SupportSpheres):
         """Place the spheres of supports before all others."""
         self.supports = supports
         self.placed = self.put_first = len(supports.spheres)

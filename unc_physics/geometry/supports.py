@@ -136,6 +136,7 @@ class Places:
         self.is_narrow = np.array([face.extent[1] <= NARROW * size for face in resting], bool)
         self.points = np.empty((0, 3))
         self.touched = []
+        self.rolling = []
 
     def add(self, point, narrow=None):
         """Add a place, on a narrow face of that number or on none, unless it is close to another.
@@ -177,11 +178,12 @@ class Places:
     def _narrow_faces(self):
         """Return the numbers of narrow faces that get places, evenly around the body: a list for each level.
 
-        Each level halves the turn between those before.
+        Each level halves the turn between those before. The body rolls on ``rolling``.
         """
         faces = np.flatnonzero(self.is_narrow)
         ends = np.array([1 + (self.resting[k].extent[0] > NARROW * self.size) for k in faces], np.int64)
         strips = _strips(np.array([self.resting[k].normal for k in faces]).reshape(-1, 3))
+        self.rolling = [self.resting[faces[k]] for strip, _ in strips if len(strip) > 2 for k in strip]
         levels, chosen = [], np.empty(0, np.int64)
         for level in range(HALVINGS + 1):
             found = [strip[_evenly(turns, level)] for strip, turns in strips]
@@ -262,7 +264,7 @@ def _outside_all(points, polygon):
     return (points @ equations[:, :2].T + equations[:, 2]).max(axis=1)
 
 
-class Supports(NamedTuple):
+class SupportSpheres(NamedTuple):
     """The first spheres of a packing (s, 4), in an order in which any first part spreads evenly.
 
     ``normals`` (f, 3) and ``heights`` (f,) are planes below which all other spheres stay. A body then
@@ -273,9 +275,9 @@ class Supports(NamedTuple):
     normals: np.ndarray
     heights: np.ndarray
 
-    def scaled(self, scale) -> Supports:
+    def scaled(self, scale) -> SupportSpheres:
         """Return them with all lengths multiplied by ``scale``."""
-        return Supports(self.spheres * scale, self.normals, self.heights * scale)
+        return SupportSpheres(self.spheres * scale, self.normals, self.heights * scale)
 
     def receded(self, spheres):
         """Return spheres (n, 4), made smaller to stay below the planes, without those that vanish."""
@@ -285,7 +287,7 @@ class Supports(NamedTuple):
         return np.column_stack([spheres[:, :3], radii])[kept]
 
 
-def capsule_supports(radius, length) -> Supports:
+def capsule_supports(radius, length) -> SupportSpheres:
     """Return the supports of a capsule along z, ``length`` between the centres of its ends: balls.
 
     They overlap in a short one, and are by ``_INSCRIBED`` smaller than it, to lie inside its mesh.
@@ -297,12 +299,12 @@ def capsule_supports(radius, length) -> Supports:
     angle = np.arange(0.0, 2.0 * math.pi, 0.5 * FIRST_TURN / (1 << HALVINGS))
     normals = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     size = float(np.cbrt(math.pi * radius**2 * (length + 4.0 / 3.0 * radius)))
-    return Supports(
+    return SupportSpheres(
         spheres[[0, -1, *range(1, balls - 1)]], normals, np.full(len(angle), radius - RECESS * size)
     )
 
 
-def support_spheres(corners, tree, most) -> Supports:
+def support_spheres(corners, tree, most) -> SupportSpheres:
     """Return the spheres that give a packing its extent, flat faces and rims.
 
     Parameters
@@ -317,11 +319,11 @@ def support_spheres(corners, tree, most) -> Supports:
     points = np.unique(corners.reshape(-1, 3), axis=0)
     faces, size = hull_faces(points)
     if not faces or most < 4:
-        return Supports(np.empty((0, 4)), np.empty((0, 3)), np.empty(0))
+        return SupportSpheres(np.empty((0, 4)), np.empty((0, 3)), np.empty(0))
     resting = resting_faces(faces, size)
     places = Places(resting, size, most)
     places.add_resting()
-    fit = _Fit(corners, tree, faces, resting, size)
+    fit = _SphereFit(corners, tree, faces, resting, size)
     fit.add(places)
     ends = np.concatenate(
         [fit.spheres[:, None, :3] + fit.spheres[:, None, 3:] * _DIRECTIONS, *fit.contacts], axis=None
@@ -330,10 +332,9 @@ def support_spheres(corners, tree, most) -> Supports:
     fit.add(places)
     level = np.searchsorted(places.levels, fit.place_of, side="right")
     rolling = level < len(places.levels)
-    narrow = [face for face, is_narrow in zip(resting, places.is_narrow, strict=True) if is_narrow]
-    normals = np.array([face.normal for face in narrow]).reshape(-1, 3)
-    heights = np.array([face.height for face in narrow]) - RECESS * size
-    found = Supports(np.empty((0, 4)), normals, heights)
+    normals = np.array([face.normal for face in places.rolling]).reshape(-1, 3)
+    heights = np.array([face.height for face in places.rolling]) - RECESS * size
+    found = SupportSpheres(np.empty((0, 4)), normals, heights)
     lining = np.array([bool(places.touched[k]) for k in fit.place_of], bool)
     first = np.concatenate([fit.spheres[lining & ~rolling], found.receded(fit.spheres[~lining])])
     lines = [_spread(fit.spheres[level == k]) for k in range(len(places.levels))]
@@ -353,7 +354,7 @@ def _spread(spheres):
     return spheres[order]
 
 
-class _Fit:
+class _SphereFit:
     """Fits a sphere to each place, by linear programmes in its centre and radius."""
 
     def __init__(self, corners, tree, faces, resting, size):
