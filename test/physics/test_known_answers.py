@@ -108,6 +108,44 @@ def test_a_box_stops_at_a_step_and_slides_off_one(dt):
     assert end[3] == pytest.approx(0.32, rel=0.02)
 
 
+def on_a_packed_box(model, place, speed, radius, dt, time, ramp=0.0):
+    """End of a round body on a fixed packed box of 0.6 by 0.2 by 0.06 m, tilted by ``ramp`` about y [rad]."""
+    bodies = [RigidBody("round", model, 0.2), RigidBody("box", long_box(), 1.0, fixed=True)]
+    scene = Scene.everyday(bodies, exact=True, dt=dt)
+    frame = Rotation.from_rotvec((0, ramp, 0))
+    start = state(frame.apply((*place, 0.03 + radius)), frame.apply((speed, 0, 0)), (0, speed / radius, 0))
+    start[6:10] = (frame * Rotation.from_rotvec((0.5 * np.pi, 0, 0))).as_quat()
+    fixed = state(orientation=frame.as_quat())
+    end = run(scene, np.stack([start, fixed]), time)[0]
+    return frame.inv().apply(end[:3]) - (*place, 0.03 + radius), frame.inv().apply(end[3:6])
+
+
+@cache
+def long_box():
+    """A packing of a box that is longer than its spheres are near each other."""
+    return packed_box("long", (0.6, 0.2, 0.06), 600)
+
+
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("shape", ["ball", "can"])
+def test_what_is_round_rolls_on_a_packed_box(shape, dt):
+    """The box's face carries it between the spheres of the face."""
+    model, radius = (ball(0.02), 0.02) if shape == "ball" else (can(300), CAN_RADIUS)
+    moved, velocity = on_a_packed_box(model, (-0.25, 0.0), 0.4, radius, dt, 1.0)
+    assert moved[0] == pytest.approx(0.4, rel=0.01) and abs(moved[1]) < 1e-3
+    assert velocity[0] == pytest.approx(0.4, rel=0.01)
+    moved, _ = on_a_packed_box(ball(0.02), (0.013, 0.007), 0.0, 0.02, dt, 1.0)
+    np.testing.assert_allclose(moved, 0.0, atol=5e-4)
+    np.testing.assert_allclose(moved[:2], 0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("degrees", [5, 15])
+def test_a_ball_rolls_down_a_packed_ramp(degrees):
+    ramp = math.radians(degrees)
+    moved, _ = on_a_packed_box(ball(0.02), (-0.25, 0.0), 0.0, 0.02, 1 / 240, 0.5, ramp)
+    assert moved[0] == pytest.approx(0.5 * 5.0 / 7.0 * G * math.sin(ramp) * 0.25, rel=0.03)
+
+
 # -- rolling -----------------------------------------------------------------------------------------
 
 CAN_RADIUS = 0.038  # m

@@ -13,6 +13,7 @@ from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Box
+from unc_physics.collision.hull import hull_spheres
 from unc_physics.scene.body import shape_of
 
 from .states import P, Q, V, W
@@ -74,6 +75,10 @@ class Contact(NamedTuple):
     center_j: np.ndarray
     radius: float
     on_face: bool = False
+
+    def is_within(self, limit):
+        """Whether it is nearer than a limit [m], now or after the horizon."""
+        return min(self.gap, self.predicted) < limit
 
 
 class Face(NamedTuple):
@@ -213,7 +218,19 @@ def candidates(scene, x, i, j, horizon, limit=None):
                 *(center, inner, ri[a] * rj[b] / (ri[a] + rj[b]), on_face),
             )
         )
-    return found + outline_contacts(scene, x, i, j, horizon, limit)
+    found += outline_contacts(scene, x, i, j, horizon, limit)
+    return found + [
+        c
+        for c in contacts_on_faces(scene, x, i, j, horizon, limit)
+        if not any(_is_same(c, other) for other in found)
+    ]
+
+
+def _is_same(contact, other):
+    """Whether another contact is of the same sphere, with the same face."""
+    sphere = contact.a == other.a if contact.b < 2 * KINDS else contact.b % KINDS == other.b
+    same_gap = abs(contact.gap - other.gap) < 1e-9
+    return sphere and same_gap and contact.normal @ other.normal > 1.0 - 1e-9
 
 
 class Outline(NamedTuple):
@@ -257,8 +274,7 @@ def outline_contacts(scene, x, i, j, horizon, limit):
     These are the corners of one over the other, and the crossings of their edges. Corners of body i on an
     element are left out, as they are spheres. Only the faces that separate best count.
     """
-    reach = min(scene.bodies[k].model.bounding_radius for k in (i, j) if k >= 0)
-    best, deepest = [], -DEEPEST * reach
+    best, deepest = [], _deepest(scene, i, j)
     for own in outlines_of(scene, x, i):
         for other in outlines_of(scene, x, j):
             if own.normal @ other.normal > -FACING:
@@ -267,21 +283,56 @@ def outline_contacts(scene, x, i, j, horizon, limit):
             lowest = min((gap for _, _, gap, *_ in places), default=-np.inf)
             if lowest >= deepest:
                 best, deepest = places, lowest
+    return [
+        contact for place in best if (contact := _contact_at(scene, x, i, j, place, horizon)).is_within(limit)
+    ]
+
+
+def contacts_on_faces(scene, x, i, j, horizon, limit):
+    """Return contacts of spheres of one body over solid faces of the other.
+
+    Faces below its centre count that none of the other body's solid faces are opposite to.
+    """
     out = []
-    for normal, at, gap, a, b in best:
-        speeds = [_speed_at(x[i], at, scene.gravity, horizon)]
-        if j >= 0:
-            speeds.append(_speed_at(x[j], at, scene.gravity, horizon, scene.bodies[j].fixed))
-        predicted = gap + horizon * normal @ (speeds[0] - (speeds[1] if j >= 0 else 0.0))
-        if min(gap, predicted) >= limit:
-            continue
-        r, inner = scene.bodies[i].model.radii[a], None
-        center = at + r * normal
-        if j >= 0:
-            other = scene.bodies[j].model.radii[b % KINDS]
-            inner, r = at - (gap + other) * normal, r * other / (r + other)
-        out.append(Contact(i, j, int(a), int(b), normal, at, gap, predicted, center, inner, r, True))
+    for of, on in ((i, j), (j, i)):
+        body, facing = scene.bodies[of], outlines_of(scene, x, of)
+        c, radii = centers(body, x[of]), body.model.radii
+        for face in outlines_of(scene, x, on):
+            height = face.normal @ (x[of, P] - face.corners[0])
+            if height <= 0.0 or any(own.normal @ face.normal < -FACING for own in facing):
+                continue
+            across = np.column_stack(frame(face.normal))
+            for s in hull_spheres(body.model.centers, radii):
+                gap = face.normal @ (c[s] - face.corners[0]) - radii[s]
+                if gap < _deepest(scene, i, j) or not _is_in(c[s] @ across, face.corners @ across):
+                    continue
+                at = c[s] - radii[s] * face.normal
+                if of == i:
+                    place = face.normal, at, gap, s, KINDS + face.spheres[0]
+                else:
+                    place = -face.normal, at - gap * face.normal, gap, face.spheres[0], 2 * KINDS + s
+                if (contact := _contact_at(scene, x, i, j, place, horizon)).is_within(limit):
+                    out.append(contact)
     return out
+
+
+def _deepest(scene, i, j):
+    return -DEEPEST * min(scene.bodies[k].model.bounding_radius for k in (i, j) if k >= 0)
+
+
+def _contact_at(scene, x, i, j, place, horizon):
+    """Return the contact at (normal, place on body i, gap, a, b)."""
+    normal, at, gap, a, b = place
+    speeds = [_speed_at(x[i], at, scene.gravity, horizon)]
+    if j >= 0:
+        speeds.append(_speed_at(x[j], at, scene.gravity, horizon, scene.bodies[j].fixed))
+    predicted = gap + horizon * normal @ (speeds[0] - (speeds[1] if j >= 0 else 0.0))
+    r, inner = scene.bodies[i].model.radii[a], None
+    center = at + r * normal
+    if j >= 0:
+        other = scene.bodies[j].model.radii[b % KINDS]
+        inner, r = at - (gap + other) * normal, r * other / (r + other)
+    return Contact(i, j, int(a), int(b), normal, at, gap, predicted, center, inner, r, True)
 
 
 def _overlap_places(scene, x, i, j, own, other):
@@ -343,9 +394,9 @@ class Own(NamedTuple):
 def best_contacts(scene, x, bodies, pairs, places, own):
     """Return the contacts of pairs of spheres, which have ``own`` ones.
 
-    A face stands for a sphere that touches it if the other sphere is over it, and no farther beside the first
-    than twice the smaller radius. Of several faces, the one that separates the spheres best counts, unless it
-    is much nearer than the spheres are.
+    A face stands for a sphere that touches it if the other sphere is over it. If the body is not solid, that
+    is no farther beside the first than twice the smaller radius. Of several faces, the one that separates the
+    spheres best counts, unless it is much nearer than the spheres are.
     """
     found = [[] for _ in pairs]
     for near, far, sign in ((1, 0, 1.0), (0, 1, -1.0)):  # the sphere that touches a face, and the other
@@ -357,7 +408,7 @@ def best_contacts(scene, x, bodies, pairs, places, own):
                 away = places[far][pair[far]] - places[near][pair[near]]
                 beside = np.linalg.norm(away - (n @ away) * n)
                 aligned = sign * n @ own[k].normal > OVER_FACE
-                aligned &= beside < 2.0 * min(radii[0][pair[0]], radii[1][pair[1]])
+                aligned &= len(face.outline) > 0 or beside < 2.0 * min(radii[0][pair[0]], radii[1][pair[1]])
                 if pair[near] in face.touching and over[pair[far]] and aligned:
                     reach = radii[0][pair[0]] + radii[1][pair[1]]
                     height = n @ away - reach

@@ -60,7 +60,7 @@ from .contact_search import (
 )
 from .contact_simd import lower_supports, plane_mask
 from .element_contacts import in_element, is_covered, write_element_rotation
-from .face_outlines import element_outlines, pair_outlines
+from .face_outlines import element_outlines, pair_outlines, spheres_on_faces
 from .faces import FACES_OF_A_SPHERE, over_face
 from .implicit_workspace import CANDIDATE_GAP, CANDIDATE_SCORE, CONTACTS, OVERFLOW, TOO_MANY_CONTACTS
 from .shapes import bounds, surface
@@ -248,7 +248,10 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
             count = keep_candidate(count, n, c, r, gap, predicted, a, b, work)
             if count == 0:
                 return 0
-    return pair_outlines(x, i, j, count, limit, horizon, (u, w, o), kept, world, work)
+    found = pair_outlines(x, i, j, count, limit, horizon, (u, w, o), kept, world, work)
+    if found == 0 and count > 0:
+        return 0
+    return spheres_on_faces(x, i, j, found, limit, horizon, (u, w, o), kept, world, work)
 
 
 @inner(forceinline=True, error_model="numpy")
@@ -295,7 +298,7 @@ def _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world):
     q = rotate(R_ij, e[0], e[1], e[2])
     p = plus(q, t)
     apart = minus(c, p)
-    # spheres with a larger lateral offset belong to different places of a face
+    # spheres with a larger lateral offset belong to different places of the face of a body that may be hollow
     least = dot(apart, apart) - (2.0 * min(r, s)) ** 2
     best, m, center = -np.inf, n, c
     for k in range(FACES_OF_A_SPHERE):
@@ -304,7 +307,8 @@ def _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world):
             v = rotate(R_ij, faces.normal[f, 0], faces.normal[f, 1], faces.normal[f, 2])
             along = dot(v, apart)
             height = along - r - s
-            if height > best and dot(v, n) > _OVER and along * along > least:
+            near = faces.corners[f] > 0 or along * along > least
+            if height > best and dot(v, n) > _OVER and near:
                 back = rotate_back(R_ij, c[0] - t[0], c[1] - t[1], c[2] - t[2])
                 if over_face(f, back, centers, faces):
                     best, m, center = height, v, c
@@ -313,7 +317,7 @@ def _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world):
             v = (-faces.normal[f, 0], -faces.normal[f, 1], -faces.normal[f, 2])
             along = dot(v, apart)
             height = along - r - s
-            aligned = dot(v, n) > _OVER and along * along > least
+            aligned = dot(v, n) > _OVER and (faces.corners[f] > 0 or along * along > least)
             if height > best and aligned and over_face(f, p, centers, faces):
                 best, m, center = height, v, plus(p, times(s + height + r, v))
     if best + kept < gap - _HOLLOW:

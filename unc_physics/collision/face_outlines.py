@@ -7,18 +7,24 @@ outermost spheres.
 
 import math
 
+import numpy as np
+
 from ..compiler import inner
+from ..compiler.simd import LANES, lowest_bit
 from ..spatial.rotation import cross, rotate, rotate_back, tangents
 from ..spatial.vectors import dot, minus, plus, times
 from .contact_candidates import keep_candidate
 from .contact_search import relative_pose
+from .contact_simd import plane_mask
 from .element_contacts import in_element, write_element_rotation
+from .implicit_workspace import CANDIDATE_GAP, CANDIDATE_NORMAL
 from .shapes import KINDS
 
 _BOX = KINDS["box"]
 _FACING = 0.95  # least cosine of the angle between one normal and the opposite of the other
 _DEEPEST = 0.1  # largest depth, relative to the radius of the smaller body
 _SLACK = 1e-6  # distance outside an outline that counts as inside [m]
+_SAME = 1e-9  # difference of gaps [m], and of normals, of the same contact
 _PARALLEL = 1e-9  # edges that cross at a smaller angle have no crossing [rad]
 # columns of an outline: a corner on the face, body i's frame, and its two coordinates across the other face
 _PLACE, _ACROSS = 0, 3
@@ -58,6 +64,114 @@ def pair_outlines(x, i, j, found, limit, horizon, motion, kept, world, work):
             if count < 0:
                 return 0
     return count
+
+
+@inner(noinline=True)
+def spheres_on_faces(x, i, j, found, limit, horizon, motion, kept, world, work):
+    """Append candidates of one body's spheres over flat faces of the other; return the new number.
+
+    A face carries a ball between its own spheres, too. Faces that face each other have `pair_outlines`. The
+    other arguments are those of it.
+    """
+    faces, ranges = world.implicit.faces, world.implicit.face_range
+    box = world.implicit.box
+    hull, hull_range, of_hull = world.implicit.hull, world.implicit.hull_range, world.implicit.hull_sphere
+    centers, radii = world.tree.centers, world.tree.radii
+    R_ij = work.R_ij
+    t = relative_pose(x, i, j, work.R, R_ij)
+    u, w, o = motion
+    deepest = -_DEEPEST * min(world.bodies.radius[i], world.bodies.radius[j])
+    count = found
+    for which in (_OTHER, _OWN):
+        face_of, of, moved = (j, i, True) if which == _OTHER else (i, j, False)
+        for g in range(ranges[face_of, 0], ranges[face_of, 1]):
+            if faces.corners[g] == 0:
+                continue
+            s = faces.outline[g, 0]
+            m = faces.normal[g, 0], faces.normal[g, 1], faces.normal[g, 2]
+            level = radii[s] + m[0] * centers[s, 0] + m[1] * centers[s, 1] + m[2] * centers[s, 2]
+            q = rotate(R_ij, m[0], m[1], m[2]) if moved else m
+            n = q if moved else times(-1.0, q)  # towards body i
+            # height of the other body's centre over the face
+            center = (0.0, 0.0, 0.0) if moved else t
+            height = (-dot(q, t) if moved else dot(q, t)) - level
+            if height <= 0.0:
+                continue
+            # gaps of spheres, now and later, are linear in their centres
+            turn = cross(n, minus(w, o))
+            later = height + kept + horizon * (dot(n, plus(u, cross(o, t))) + dot(turn, center))
+            height += kept
+            b = q if moved else rotate_back(R_ij, q[0], q[1], q[2])
+            d = turn if moved else rotate_back(R_ij, turn[0], turn[1], turn[2])
+            d = plus(b, times(horizon, d))
+            if min(_lowest(box[of], b, height), _lowest(box[of], d, later)) >= limit:
+                continue
+            if _is_faced(q, of, not moved, world, work):
+                continue
+            _load_body(g, t if moved else (0.0, 0.0, 0.0), which, moved, world, work)
+            e1, e2 = tangents(n)
+            for k in range(work.outline_corners[which]):
+                place = _corner(which, k, work)
+                work.outlines[which, k, _ACROSS] = dot(e1, place)
+                work.outlines[which, k, _ACROSS + 1] = dot(e2, place)
+            first, last = hull_range[of, 0], hull_range[of, 1]
+            for lane in range(first, last, LANES):
+                mask = plane_mask(hull, lane, (b[0], b[1], b[2], height), (d[0], d[1], d[2], later), limit)
+                if last - lane < LANES:
+                    mask &= (np.uint64(1) << np.uint64(last - lane)) - np.uint64(1)
+                while mask != 0:
+                    h = lane + lowest_bit(mask)
+                    mask &= mask - np.uint64(1)
+                    c, r, k = (hull[0, h], hull[1, h], hull[2, h]), hull[3, h], of_hull[h]
+                    gap = height + dot(b, c) - r
+                    if gap < deepest:
+                        continue
+                    if not moved:
+                        c = plus(t, rotate(R_ij, c[0], c[1], c[2]))
+                    if not _is_inside(which, dot(e1, c), dot(e2, c), work):
+                        continue
+                    if _is_known(found, 0 if moved else 1, k, n, gap, work):
+                        continue
+                    at, own, other = minus(c, times(r, q)), k, s + len(radii)
+                    if not moved:  # a place on body i's face
+                        at, own, other = minus(at, times(gap - kept, q)), s, k + 2 * len(radii)
+                    count = _keep(count, n, at, radii[own], gap, own, other, limit, horizon, motion, t, work)
+                    if count < 0:
+                        return 0
+    return count
+
+
+@inner(forceinline=True)
+def _lowest(box, n, height):
+    """Return a lower bound of the heights of a body in a box (middle and half sizes) over a plane."""
+    middle = height + n[0] * box[0] + n[1] * box[1] + n[2] * box[2]
+    return middle - abs(n[0]) * box[3] - abs(n[1]) * box[4] - abs(n[2]) * box[5]
+
+
+@inner(forceinline=True)
+def _is_known(found, column, sphere, n, gap, work):
+    """Return whether a candidate of a sphere has this normal and gap: that with a sphere of the same face."""
+    for k in range(found):
+        c = work.candidates[k]
+        if work.candidate_ids[k, column] == sphere and abs(c[CANDIDATE_GAP] - gap) < _SAME:
+            m = c[CANDIDATE_NORMAL], c[CANDIDATE_NORMAL + 1], c[CANDIDATE_NORMAL + 2]
+            if dot(m, n) > 1.0 - _SAME:
+                return True
+    return False
+
+
+@inner(forceinline=True)
+def _is_faced(q, of, turned, world, work):
+    """Return whether an outlined face of a body is opposite to a normal, body i's frame."""
+    faces, ranges = world.implicit.faces, world.implicit.face_range
+    for f in range(ranges[of, 0], ranges[of, 1]):
+        if faces.corners[f] > 0:
+            p = faces.normal[f, 0], faces.normal[f, 1], faces.normal[f, 2]
+            if turned:
+                p = rotate(work.R_ij, p[0], p[1], p[2])
+            if dot(p, q) < -_FACING:
+                return True
+    return False
 
 
 @inner(noinline=True)
