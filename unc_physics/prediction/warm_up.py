@@ -22,7 +22,15 @@ from ..scene.body import RigidBody
 from ..scene.presets import PRESETS
 from ..scene.scene import Scene
 from ..spatial.layout import ERROR, POSITION, QUATERNION, STATE
-from ..spatial.origin import at_com, at_origin, congruent, covariance_at_com, inverse_error_map, moved
+from ..spatial.origin import (
+    at_com,
+    at_origin,
+    congruent,
+    covariance_at_com,
+    error_map,
+    inverse_error_map,
+    moved,
+)
 from .predict import predict
 from .status import assess
 
@@ -73,6 +81,7 @@ def warm_up(
     at_com(np.eye(ERROR), mean[0], np.zeros(3))
     inverse_error_map(mean[0], np.zeros(3))
     at_origin(mean[0], np.eye(ERROR), np.zeros(3))  # of each body in answers
+    error_map(mean[0], np.zeros(3))
     congruent(np.eye(ERROR), np.eye(ERROR))  # of all bodies together
     for name in names:
         few = {"samples": 4} if name in PROPAGATORS and "samples" in PROPAGATORS[name].options() else {}
