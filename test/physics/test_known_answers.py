@@ -133,7 +133,7 @@ def test_what_is_round_rolls_on_a_packed_box(shape, dt):
     model, radius = (ball(0.02), 0.02) if shape == "ball" else (can(300), CAN_RADIUS)
     moved, velocity = on_a_packed_box(model, (-0.25, 0.0), 0.4, radius, dt, 1.0)
     assert moved[0] == pytest.approx(0.4, rel=0.01) and abs(moved[1]) < 1e-3
-    assert velocity[0] == pytest.approx(0.4, rel=0.01)
+    assert velocity[0] == pytest.approx(0.4, rel=0.02)
     moved, _ = on_a_packed_box(ball(0.02), (0.013, 0.007), 0.0, 0.02, dt, 1.0)
     np.testing.assert_allclose(moved, 0.0, atol=5e-4)
     np.testing.assert_allclose(moved[:2], 0.0, atol=1e-4)
