@@ -38,6 +38,7 @@ _FAR = 5.0  # standard deviations that are not to be expected of an honest belie
 _MEAN_DEPTHS = 2e-4, 2e-3
 _LOOKED_AT = 64  # rollouts whose own depths are computed, at most
 _LEAST_SHARE = 0.05  # of an outcome that moves the mean
+_EXTENT_SHARE = 5e-3  # loss of extent that counts on large bodies, over the radius
 _DENSITIES = 0.1, 1e5  # kg/m^3, beyond those of things
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
 _QUANTITIES, _UNITS = ("position", "rotation"), ("m", "rad")  # that spreads are compared in
@@ -354,15 +355,15 @@ def doubtful_contacts(evidence):
 )
 def extent_loss(evidence):
     """Loss of extent by which the spheres are smaller than the mesh, over the standard deviation of position,
-    or over 1 mm if that is larger. With the implicit integrator, where it is known.
+    1 mm, or 0.5 % of the body's radius, whichever is largest. With the implicit integrator, if it is known.
     """
     scene = evidence.scene
     losses = [body.model.extent_loss for body in scene.bodies]
     if scene.integrator != "implicit" or all(loss is None for loss in losses):
         return None
-    stds = np.full(len(losses), EXTENT_LOSS)
+    stds = np.maximum(EXTENT_LOSS, _EXTENT_SHARE * scene.world.bodies.radius)
     positions = pose_spreads(evidence.snapshot.belief.blocks)[:, 0]
-    stds[scene.moving] = np.maximum(positions, EXTENT_LOSS)
+    stds[scene.moving] = np.maximum(positions, stds[scene.moving])
     values = np.array([0.0 if loss is None else loss for loss in losses]) / stds
     return np.ma.masked_array(values, [loss is None for loss in losses])
 
