@@ -113,7 +113,8 @@ class Day:
         if stamp <= self.now:  # otherwise from before the clock's jump
             self.out_of_time += until < self.now - 2.0 / RATE  # on its way for a while
         for skipped in answer.skipped:
-            assert "second detection" in skipped.value, skipped.value
+            # of thousands of detections some are farther from the table than their errors say
+            assert "second detection" in skipped.value or "in mid-air" in skipped.value, skipped.value
         for predicted in answer.objects:
             for state in predicted.states:
                 assert np.isfinite(numbers_of(state)).all()
