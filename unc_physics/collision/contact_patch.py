@@ -248,10 +248,10 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
             count = keep_candidate(count, n, c, r, gap, predicted, a, b, work)
             if count == 0:
                 return 0
-    found = pair_outlines(x, i, j, count, limit, horizon, (u, w, o), kept, world, work)
+    found = pair_outlines(i, j, t, count, limit, horizon, (u, w, o), kept, world, work)
     if found == 0 and count > 0:
         return 0
-    return spheres_on_faces(x, i, j, found, limit, horizon, (u, w, o), kept, world, work)
+    return spheres_on_faces(i, j, t, found, limit, horizon, (u, w, o), kept, world, work)
 
 
 @inner(forceinline=True, error_model="numpy")

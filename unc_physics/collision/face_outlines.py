@@ -1,4 +1,4 @@
-"""Contacts where the outlines of two flat faces overlap: at their corners and crossings.
+"""Contacts of solid flat faces: at corners and crossings of two outlines, and of spheres on a face.
 
 Spheres of two faces touch only where spheres of both are near. Solid faces also carry each other between
 their spheres, up to the edge of the smaller one. The support of a body is then right to the inset of its
@@ -14,7 +14,6 @@ from ..compiler.simd import LANES, lowest_bit
 from ..spatial.rotation import cross, rotate, rotate_back, tangents
 from ..spatial.vectors import dot, minus, plus, times
 from .contact_candidates import keep_candidate
-from .contact_search import relative_pose
 from .contact_simd import plane_mask
 from .element_contacts import in_element, write_element_rotation
 from .implicit_workspace import CANDIDATE_GAP, CANDIDATE_NORMAL
@@ -33,16 +32,16 @@ _OWN, _OTHER = 0, 1
 
 
 @inner(noinline=True)
-def pair_outlines(x, i, j, found, limit, horizon, motion, kept, world, work):
+def pair_outlines(i, j, t, found, limit, horizon, motion, kept, world, work):
     """Append candidates of the outlines of two bodies' faces to ``found`` ones; return their number.
 
-    Of several pairs of faces, the one that separates the bodies best counts. ``motion`` is the relative
+    Of several pairs of faces, the one that separates the bodies best counts. ``t`` is body j's place, and
+    ``work.R_ij`` its rotation, in body i's frame. ``motion`` is the relative
     velocity of the bodies, and both angular velocities, in body i's frame. ``kept`` is the overlap without a
     force [m].
     """
     faces, ranges = world.implicit.faces, world.implicit.face_range
     R_ij = work.R_ij
-    t = relative_pose(x, i, j, work.R, R_ij)
     deepest = -_DEEPEST * min(world.bodies.radius[i], world.bodies.radius[j])
     highest = limit - kept + horizon * _pace(motion, world.bodies.radius[i], world.bodies.radius[j])
     first, count = found, found
@@ -67,7 +66,7 @@ def pair_outlines(x, i, j, found, limit, horizon, motion, kept, world, work):
 
 
 @inner(noinline=True)
-def spheres_on_faces(x, i, j, found, limit, horizon, motion, kept, world, work):
+def spheres_on_faces(i, j, t, found, limit, horizon, motion, kept, world, work):
     """Append candidates of one body's spheres over flat faces of the other; return the new number.
 
     A face carries a ball between its own spheres, too. Faces that face each other have `pair_outlines`. The
@@ -78,7 +77,6 @@ def spheres_on_faces(x, i, j, found, limit, horizon, motion, kept, world, work):
     hull, hull_range, of_hull = world.implicit.hull, world.implicit.hull_range, world.implicit.hull_sphere
     centers, radii = world.tree.centers, world.tree.radii
     R_ij = work.R_ij
-    t = relative_pose(x, i, j, work.R, R_ij)
     u, w, o = motion
     deepest = -_DEEPEST * min(world.bodies.radius[i], world.bodies.radius[j])
     count = found
