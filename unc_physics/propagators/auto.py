@@ -14,7 +14,7 @@ from .emission import diverged, settled
 from .options import option
 
 _RARE = 1.4  # factor on a spread from which on rare outcomes count
-_FIRST = 32  # rollouts, before it is known what more of them would be good for
+FIRST_RUNS = 32  # before it is known what more of them would be good for
 #: What errors are taken to fall by is the root of the number of rollouts: by so much more than that needs, in
 #: portions of so many rollouts, and by no less than such a share, as each look at the errors costs a fit.
 _MARGIN, _PORTION, _LEAST_GROWTH = 1.05, 8, 0.25
@@ -29,7 +29,9 @@ class Auto(Cloud, Anytime):
     Attributes
     ----------
     runs : int
-        The most rollouts. It begins with 32, or with 12 where time is limited.
+        The most rollouts.
+    first : int
+        Rollouts to begin with; 0 for 32, or 12 where ``time`` is limited.
     samples, seed
         As of `Cloud`.
     time : float
@@ -57,6 +59,9 @@ class Auto(Cloud, Anytime):
     name = "auto"
 
     runs: int = option(1024, "the most rollouts", low=FEWEST_RUNS, high=100_000)
+    first: int = option(
+        0, "rollouts to begin with; 0 for 32, or 12 where time is limited", low=0, high=100_000
+    )
     time: float = option(0.0, "wall time for rollouts and beliefs [s]; 0 for any", low=0.0)
     error: float = option(0.1, "standard error of means that is enough, over the standard deviation", low=0.0)
     spread_error: float = option(
@@ -71,8 +76,8 @@ class Auto(Cloud, Anytime):
     )
 
     def init(self, scene, belief):
-        first = FEWEST_RUNS if self.time > 0.0 else _FIRST
-        return self.init_rollouts(scene, belief, 0, min(first, self.runs))
+        first = self.first or (FEWEST_RUNS if self.time > 0.0 else FIRST_RUNS)
+        return self.init_rollouts(scene, belief, 0, min(max(first, FEWEST_RUNS), self.runs))
 
     def additional_rollouts(self, carry, scene, spent):
         count, began = len(carry.states), clock()
@@ -98,7 +103,7 @@ class Auto(Cloud, Anytime):
     def measures(self, carry, scene):
         missed = self._excess(carry, scene)
         if not settled(self._runs(carry), scene):
-            missed = np.maximum(missed, _FIRST / len(carry.states))
+            missed = np.maximum(missed, FIRST_RUNS / len(carry.states))
         return super().measures(carry, scene) | {"missed_goal": missed}
 
     def _excess(self, carry, scene):

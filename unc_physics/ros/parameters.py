@@ -190,6 +190,13 @@ class Settings:
         high=1e6,
     )
 
+    default_time_budget: float = parameter(
+        1.0,
+        f"Wall time after which {ANYTIME} adds no more rollouts to its first ones [s], in calls of ~/predict"
+        " without wanted errors, time_budget and propagator_options; 0: none.",
+        low=0.0,
+        high=1e6,
+    )
     max_long_computation_time: float = parameter(
         600.0, "Longest wall time of a goal of the action [s]; goals may ask for less.", low=1e-3, high=1e6
     )

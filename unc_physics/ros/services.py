@@ -215,7 +215,13 @@ def prediction_service(server) -> BackgroundService:
     """Return the service ``~/predict``; requests run concurrently."""
 
     def answer(request, response):
-        return server.answer(response, request.request, time_limit=server.settings.max_computation_time)
+        settings = server.settings
+        return server.answer(
+            response,
+            request.request,
+            time_limit=settings.max_computation_time,
+            time_budget=settings.default_time_budget,
+        )
 
     return BackgroundService(server, Predict, "~/predict", answer)
 
