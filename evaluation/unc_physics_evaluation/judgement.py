@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Set as AbstractSet
 from typing import NamedTuple
+
+from unc_physics.prediction.body_status import Status
 
 FACTOR = 2.0  # within which a spread is right
 POSITION_FLOOR = 1e-9  # of the body's extent: spreads below are nothing
 ROTATION_FLOOR = 1e-9  # rad
+#: Overlap that was resolved at the start is no doubt about the answer.
+IGNORED = Status.INITIAL_OVERLAP
+#: Measures that say to read modes or samples in place of the mean.
+SHAPE = {"outcomes", "mean_penetration", "rotation_std"}
 
 
 class Judged(NamedTuple):
@@ -20,6 +27,7 @@ class Judged(NamedTuple):
     bad : bool
         Whether one of them is off by more than a factor of 2, or no number, or the truth is none.
     flagged : bool
+        Whether a flag is raised; of a good prediction, one that the truth does not confirm.
     """
 
     position: float
@@ -37,16 +45,24 @@ class Rates(NamedTuple):
     false: int
 
 
-def judge(predicted, truth, extent: float, flagged: bool, impossible: bool = False) -> Judged:
+def judge(
+    predicted,
+    truth,
+    extent: float,
+    reasons: AbstractSet[str],
+    confirmed: AbstractSet[str] = frozenset(),
+    impossible: bool = False,
+) -> Judged:
     """Compare spreads (position [m], rotation [rad]) with the true ones, of a body of that extent [m].
 
+    ``reasons`` are the measures that raise flags. Those that are ``confirmed`` do not doubt right spreads.
     What is ``impossible``, because bodies go through each other or rollouts gain energy, is bad however well
     the spreads agree.
     """
     position = _ratio(predicted[0], truth[0], POSITION_FLOOR * extent)
     rotation = _ratio(predicted[1], truth[1], ROTATION_FLOOR)
     bad = impossible or not all(1.0 / FACTOR <= ratio <= FACTOR for ratio in (position, rotation))
-    return Judged(position, rotation, bad, flagged)
+    return Judged(position, rotation, bad, bool(reasons if bad else reasons - confirmed))
 
 
 def any_of(judged) -> Judged:

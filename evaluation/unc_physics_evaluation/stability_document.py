@@ -7,14 +7,15 @@ from collections.abc import Mapping
 
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnostics import RULES, raised
+from unc_physics.propagators.names import ANYTIME
 from unc_physics.propagators.registry import PROPAGATORS
 
 from . import everyday_cases
 from .conservation import CHANGE, DRIFT, EIGENVALUE, FINITE, GAIN, MOMENTUM, PASSED
 from .hard_cases import load, names
-from .judgement import Judged, any_of, judge, rates
+from .judgement import IGNORED, SHAPE, Judged, judge, rates
 from .methods import MONTE_CARLO, label
-from .results import Rows
+from .results import Results, Rows
 from .tables import table
 
 #: What the rows' methods and quantities are called, beside those of `conservation`.
@@ -95,11 +96,18 @@ class Found:
                 [s[k] for s in spread[method]],
                 [s[k] for s in spread[TRUE]],
                 extent,
-                bool(self._flags(case, method, k) & ~Status.INITIAL_OVERLAP),
+                self._reasons(case, method, k),
+                self._confirmed(case, method, k),
                 self._impossible(case),
             )
             for k, extent in extents.items()
         ]
+
+    def _confirmed(self, case, method, body):
+        """Measures that raise flags of samples of another method, too; of `SHAPE`, any one confirms all."""
+        others = {MONTE_CARLO, ANYTIME} - {method}
+        found = set().union(*(self._reasons(case, other, body) for other in others))
+        return found | SHAPE if found & SHAPE else found
 
     def _impossible(self, case):
         """Whether bodies go through each other, or rollouts gain energy."""
@@ -107,15 +115,14 @@ class Found:
 
     def says(self, case: str, method: str, flag: Status) -> bool:
         """Whether a prediction carries a flag for any body."""
-        return any(self._flags(case, method, k) & flag for k in self.of(case, TRUE, EXTENT))
+        bodies = self.of(case, TRUE, EXTENT)
+        return any(RULES[name].flag in flag for k in bodies for name in self._reasons(case, method, k))
 
-    def _flags(self, case, method, body):
-        """Those that a prediction's measures raise by the present limits."""
+    def _reasons(self, case, method, body):
+        """Measures of a prediction that raise flags by the present limits, without resolved overlap."""
         found = {name: self.of(case, method, MEASURE + name).get(body) for name in RULES}
-        flags = Status.FINE
-        for name in raised({name: value for name, value in found.items() if value is not None}):
-            flags |= RULES[name].flag
-        return flags
+        values = {name: value for name, value in found.items() if value is not None}
+        return {name for name in raised(values) if RULES[name].flag not in IGNORED}
 
 
 def runs_on(integrator: str) -> list[str]:
@@ -123,10 +130,10 @@ def runs_on(integrator: str) -> list[str]:
     return [name for name, cls in PROPAGATORS.items() if integrator in cls.integrators]
 
 
-def sections(rows: Rows) -> str:
+def sections(results: Results) -> str:
     """Goals, and rates of the flags."""
-    found = Found(rows)
-    return "\n".join(["", _goals(found), _rates(found)])
+    found = Found(results.rows("stability"))
+    return "\n".join(["", _goals(found), _rates(results, found)])
 
 
 def _goals(found):
@@ -188,32 +195,25 @@ def _is_indefinite(found, case):
     return any(found.one(case, method, EIGENVALUE) < -1e-12 for method in found.propagators(case))
 
 
-def _rates(found):
-    """How many predictions were bad, and how the flags did."""
-    every = found.hard + found.paper + found.everyday
+def _rates(results, found):
+    """How many predictions of bodies were wrong and right, and how many of each are flagged."""
+    groups = {"catalogue": found.hard, "the paper's scenes": found.paper, "everyday motions": found.everyday}
     lines = []
     for method in (*PROPAGATORS, None):
         some = PROPAGATORS if method is None else [method]
-        by_scene = [
-            [found.judged(case, m) for case in cases for m in some if m in found.propagators(case)]
-            for cases in (found.hard, found.paper, found.everyday, every)
-        ]
-        cells = ["all" if method is None else label(method)]
-        for of in (
-            *(rates(one for bodies in scenes for one in bodies) for scenes in by_scene),
-            rates(map(any_of, by_scene[-1])),
-        ):
-            cells += [_share(of.found, of.bad), _share(of.false, of.good)]
-        lines.append(cells)
-    head = [
-        f"{where}: {words}"
-        for where in ("catalogue", "paper", "everyday", "all", "by scene")
-        for words in ("bad, flagged", "good, flagged")
-    ]
-    wanted = [f"≥ {100 * FOUND_GOAL:.0f} %", f"≤ {100 * FALSE_GOAL:.0f} %"]
-    lines.append(["wanted", *wanted * (len(head) // 2)])
-    return "### Flags\n\n" + table(["", *head], lines)
-
-
-def _share(part, whole):
-    return f"{part} of {whole} ({100.0 * part / whole:.0f} %)" if whole else "0 of 0"
+        for group, cases in groups.items():
+            bodies = [
+                one
+                for case in cases
+                for name in some
+                if name in found.propagators(case)
+                for one in found.judged(case, name)
+            ]
+            of = rates(bodies)
+            name = "all" if method is None else label(method)
+            lines.append([name, group, *(str(count) for count in (of.bad, of.found, of.good, of.false))])
+    wanted = (
+        f"Wanted: {100 * FOUND_GOAL:.0f} % of wrong, at most {100 * FALSE_GOAL:.0f} % of right ones flagged."
+    )
+    head = ["propagator", "scenes", "wrong", "wrong and flagged", "right", "right and flagged"]
+    return f"### Flags\n\n{wanted}\n\n" + results.table("flags", head, lines)

@@ -1,6 +1,7 @@
 """The paper's Table 3 and the tables behind its Figs. 6 and 7."""
 
 import csv
+from pathlib import Path
 
 import pytest
 
@@ -47,3 +48,15 @@ def test_collisions_fill_their_tables(tmp_path, truth, rounds, table):
         errors = {method: float(row["W1 position [m]"]) for method, row in rows.items()}
         assert errors["floor"] < errors["MC-5"]
         assert errors["floor"] <= errors["best Gaussian"] * 1.5
+
+
+def test_each_table_of_the_docs_is_written_by_an_experiment_or_a_release_script():
+    root = Path(__file__).resolve().parents[2]
+    sources = [
+        path.read_text(encoding="utf-8")
+        for folder in ("evaluation/unc_physics_evaluation", "release")
+        for path in (root / folder).rglob("*.py")
+    ]
+    for path in (root / "docs" / "results").glob("*.csv"):
+        named = f'"{path.stem}"', f'"{path.name}"', f"'{path.stem}'", f"/{path.name}"
+        assert any(name in text for text in sources for name in named), path.name

@@ -36,7 +36,7 @@ from unc_physics_evaluation.energy import (
 from unc_physics_evaluation.experiments import stability
 from unc_physics_evaluation.hard_cases import FOLDER, load, names
 from unc_physics_evaluation.hard_cases.shapes import SHAPES, ball, rod
-from unc_physics_evaluation.judgement import any_of, judge, rates, worst
+from unc_physics_evaluation.judgement import SHAPE, judge, rates, worst
 from unc_physics_evaluation.passing import passed_through
 from unc_physics_evaluation.results import Results
 from unc_physics_evaluation.stability_document import AT_REST, DRIFT_LIMIT, Found
@@ -115,22 +115,25 @@ def test_own_shapes_are_as_their_script_makes_them():
 
 
 def test_a_spread_within_a_factor_of_two_is_right():
-    assert not judge((1.9, 0.6), (1.0, 1.0), 1.0, False).bad
-    assert judge((2.1, 1.0), (1.0, 1.0), 1.0, False).bad
-    assert judge((1.0, 0.4), (1.0, 1.0), 1.0, False).bad
-    assert judge((math.nan, 1.0), (1.0, 1.0), 1.0, False).bad
-    assert judge((0.1, 1.0), (0.0, 1.0), 1.0, False).bad, "certain in truth"
-    assert judge((1.0, 1.0), (1.0, 1.0), 1.0, False, impossible=True).bad
-    nothing = judge((1e-10, 0.0), (0.0, 5e-10), 1.0, False)
+    assert not judge((1.9, 0.6), (1.0, 1.0), 1.0, set()).bad
+    assert judge((2.1, 1.0), (1.0, 1.0), 1.0, set()).bad
+    assert judge((1.0, 0.4), (1.0, 1.0), 1.0, set()).bad
+    assert judge((math.nan, 1.0), (1.0, 1.0), 1.0, set()).bad
+    assert judge((0.1, 1.0), (0.0, 1.0), 1.0, set()).bad, "certain in truth"
+    assert judge((1.0, 1.0), (1.0, 1.0), 1.0, set(), impossible=True).bad
+    nothing = judge((1e-10, 0.0), (0.0, 5e-10), 1.0, set())
     assert not nothing.bad and (nothing.position, nothing.rotation) == (1.0, 1.0)
 
 
 def test_flags_of_bad_and_good_ones_are_counted():
     cases = [(1.0, False), (1.0, True), (3.0, True), (3.0, False), (0.1, True)]
-    judged = [judge((ratio, 1.0), (1.0, 1.0), 1.0, flagged) for ratio, flagged in cases]
+    judged = [
+        judge((ratio, 1.0), (1.0, 1.0), 1.0, {"solver"} if flagged else set()) for ratio, flagged in cases
+    ]
     found = rates(judged)
     assert (found.bad, found.good, found.found, found.false) == (3, 2, 2, 1)
-    assert any_of(judged[1:4]) == (3.0, 1.0, True, True) and any_of(judged[:1]) == (1.0, 1.0, False, False)
+    good, bad = (judge((ratio, 1.0), (1.0, 1.0), 1.0, {"outcomes"}, SHAPE) for ratio in (1.0, 3.0))
+    assert not good.flagged and bad.flagged, "the truth's outcomes split, too"
     assert worst([1.5, 0.5, 1.9]) == 0.5 and worst([1.0, 0.0]) == 0.0 and math.isnan(worst([3.0, math.nan]))
 
 

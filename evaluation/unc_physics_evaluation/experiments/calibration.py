@@ -37,7 +37,6 @@ from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO, label
 from ..results import Results, Rows
 from ..scenarios import MODELS, resting, spread, unit_model
-from ..tables import table
 
 TITLE = "Calibration of probabilities"
 TRUTH, EXPECTED = "truth", "expected"
@@ -105,14 +104,13 @@ def report(results: Results) -> str:
     figure = results.figure("calibration")
     draw_calibration(figure, groups, KINDS, TOLERANCE)
     lines = [
-        [
-            label(method, samples),
-            *(_errors(of_kind(asked.where(method=method, samples=samples), kind)) for kind in KINDS),
-        ]
+        [label(method, samples), kind, *_errors(of_kind(asked.where(method=method, samples=samples), kind))]
         for method, samples in sorted(asked.curves(), key=lambda curve: list(PROPAGATORS).index(curve[0]))
+        for kind in KINDS
     ]
+    head = ["method", "question", "asked", "answered within ±0.1", "mean error", "largest error"]
     picture = f"![Answered probabilities against the truth](figures/{figure.name})"
-    return f"{table(['', *KINDS], lines)}\n{picture}\n"
+    return f"{results.table('calibration', head, lines)}\n{picture}\n"
 
 
 def of_kind(rows: Rows, kind: str) -> Rows:
@@ -121,12 +119,10 @@ def of_kind(rows: Rows, kind: str) -> Rows:
 
 
 def _errors(rows):
-    """How many questions are answered, and how far off."""
+    """How many questions are asked and answered, and how far off the answers are."""
     errors = np.array([abs(row["value"] - row[EXPECTED]) for row in rows if np.isfinite(row["value"])])
-    said = f"{len(errors)} of {len(rows)}"
-    if not len(errors):
-        return said
-    return f"{said}, off by {errors.mean():.3f} on average, {errors.max():.3f} at most"
+    off = [f"{errors.mean():.3f}", f"{errors.max():.3f}"] if len(errors) else ["", ""]
+    return [str(len(rows)), str(len(errors)), *off]
 
 
 def questions(scene, boxes) -> dict[str, Event]:

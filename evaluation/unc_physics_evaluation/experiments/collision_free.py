@@ -7,7 +7,7 @@ from ..jobs import Job, Outcome, Settings
 from ..methods import FLOOR, GAUSSIAN, MONTE_CARLO, label
 from ..results import Results
 from ..scenarios import collision_free
-from ..tables import number, table
+from ..tables import number
 
 TITLE = "Collision-free motion"
 COUNTS = (10, 50, 100)
@@ -65,4 +65,7 @@ def report(results: Results) -> str:
             cells.append(f"{found.mean() / floor.mean():.2f}")
             cells.append(number(PAPER[method, samples][k]) if (method, samples) in PAPER else "")
         lines.append(cells)
-    return table(["", "position [m]", "/ floor", "paper", "rotation [deg]", "/ floor", "paper"], lines)
+    head = ["method"]
+    for quantity, unit in (("position", "m"), ("rotation", "deg")):
+        head += [f"{quantity} [{unit}]", "over floor", f"paper [{unit}]"]
+    return results.table("collision_free", head, lines)

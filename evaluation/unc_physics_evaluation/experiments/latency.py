@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import time
 
 import numpy as np
@@ -148,10 +147,9 @@ def _stream(node, make, seconds, pid):
 
 
 def report(results: Results) -> str:
-    """Tables with goals, what is met, and figures before 0.2 on a busy machine; all in a CSV file, too."""
-    with open(results.folder / "node_latency.csv", "w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(_lines(results))
-    return goal_tables(_figures(results))
+    """Rates and latencies beside those before 0.2 on a busy machine, and what is met."""
+    head, *lines = _lines(results)
+    return results.table("node_latency", head, lines) + goal_tables(_figures(results))
 
 
 def _lines(results):
@@ -179,7 +177,7 @@ def _lines(results):
         of = [found.where(quantity=q) for q in ("rate", "latency p50", "latency p95", CPU)]
         rate, p50, p95, spent = (number(one.median()) if one else "" for one in of)
         name = by if by != SERVICE else f"service, {kind}"
-        yield [name, count, rate, p50, p95, goal, spent, rate_before, before]
+        yield [name, str(count), rate, p50, p95, goal, spent, rate_before, before]
 
 
 def _figures(results) -> dict[str, list[Figure]]:

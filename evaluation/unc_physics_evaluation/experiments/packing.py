@@ -18,7 +18,7 @@ from ..comparison import CPU_TIME, WALL_TIME
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results
 from ..scenarios import LARGE, MODELS
-from ..tables import number, table
+from ..tables import number
 
 TITLE = "Sphere packing"
 SPHERES = (10, 100, 1000, 10_000, LARGE)
@@ -77,10 +77,12 @@ def report(results: Results) -> str:
         errors = [f"{of[name]:.0e}" for name in (OVERLAP, PROTRUSION)]
         lines.append(
             [here[0]["model"], *counts, f"{of[FILL]:.2f}", *times, f"{of[MEMORY]:.0f}", *errors]
-            + [f"{of[OUTSIDE]:.0f}", f"{100.0 * of[LATER]:.2f} %"]
+            + [f"{of[OUTSIDE]:.0f}", f"{100.0 * of[LATER]:.2f}"]
         )
-    head = ["", "triangles", "spheres", "fill [%]", "wall time [s]", "CPU time [s]", "memory [MiB]"]
-    return table([*head, "overlap", "protrusion", "outside", "out of order"], lines)
+    head = ["model", "triangles", "spheres", "fill [%]", "wall time [s]", "CPU time [s]", "memory [MiB]"]
+    return results.table(
+        "packing", [*head, "overlap", "protrusion", "spheres outside", "out of order [%]"], lines
+    )
 
 
 def _models(settings):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from unc_physics.dynamics.rollout import simulate
@@ -16,7 +18,7 @@ from ..pareto import Choice
 from ..results import Results, Rows
 from ..rollouts import ENGINES, OURS, available, missing_engines
 from ..scenarios import MODELS, collision
-from ..tables import number, table
+from ..tables import number
 from ..timing import paired
 
 TITLE = "Peers"
@@ -117,19 +119,13 @@ def report(results: Results) -> str:
         if rows.where(engine=engine, geometry=geometry)
     ]
     lines = []
-    for engine, geometry in cases:
-        cells = [_name(engine, geometry)]
-        for model in models:
-            found = rows.where(engine=engine, geometry=geometry, model=model, method=MONTE_CARLO)
-            cells += [
-                number(1e3 * found.where(quantity=ROLLOUT).median()),
-                number(found.where(quantity=ROLLOUT_RATIO, samples=None).median()),
-            ]
-        lines.append(cells)
-    head = [""]
-    for model in models:
-        head += [f"{model} [ms]", "over ours"]
-    return f"{table(head, lines)}\n{goal_tables(_figures(results))}"
+    for (engine, geometry), model in itertools.product(cases, models):
+        found = rows.where(engine=engine, geometry=geometry, model=model, method=MONTE_CARLO)
+        each = 1e3 * found.where(quantity=ROLLOUT).median()
+        share = found.where(quantity=ROLLOUT_RATIO, samples=None).median()
+        lines.append([_name(engine, geometry), model, number(each), number(share)])
+    head = ["engine and shape", "model", "CPU time [ms]", "over unc_physics"]
+    return f"{results.table('peers', head, lines)}\n{goal_tables(_figures(results))}"
 
 
 def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice]]]:

@@ -68,8 +68,20 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """A table, with what is met and missed."""
-    return goal_tables(_figures(results))
+    """How many times faster than MC-10 each is, and what is met and missed."""
+    rows = results.rows("propagators")
+    models = rows.unique("model")
+    lines = []
+    for spheres in rows.unique("spheres"):
+        here = rows.where(spheres=spheres)
+        for method, samples in here.curves():
+            if method == MONTE_CARLO:
+                continue
+            found = here.where(method=method, samples=samples, quantity=TIME_RATIO)
+            faster = [number(1.0 / found.where(model=model).median()) for model in models]
+            lines.append([str(spheres), label(method, samples), *faster])
+    times = results.table("propagator_times", ["spheres", "method", *models], lines)
+    return times + goal_tables(_figures(results))
 
 
 def _figures(results) -> dict[str, list[Figure]]:

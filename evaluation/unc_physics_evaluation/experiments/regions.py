@@ -92,5 +92,12 @@ verdict = goals_met_by(sections)
 
 
 def report(results: Results) -> str:
-    """All tables."""
-    return goal_tables(sections(results))
+    """Shares of all methods, then beside their goals with intervals."""
+    rows, lines = results.rows("regions"), []
+    for name in METHODS:
+        of = {part: rows.where(method=name, quantity=part).values() for part in PARTS}
+        rollouts = rows.where(method=name, quantity=ROLLOUTS).median()
+        if all(len(values) for values in of.values()):
+            lines.append([name, f"{rollouts:g}", *(f"{100.0 * values.mean():.0f}" for values in of.values())])
+    head = ["method", "rollouts in the median", *(f"{part} [%]" for part in PARTS)]
+    return results.table("regions", head, lines) + goal_tables(sections(results))

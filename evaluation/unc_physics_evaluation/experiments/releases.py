@@ -16,7 +16,6 @@ from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO
 from ..results import Results
 from ..served_scenes import served
-from ..tables import table
 
 TITLE = "Releases and pushes"
 NODE = "measured"
@@ -178,12 +177,12 @@ def _origin(body, x):
 
 def report(results: Results) -> str:
     """A table of shares with their binomial intervals."""
-    head = ["", "outcomes of", "region of", "outcomes", "held [%]", "95 % interval [%]"]
+    head = ["action", "outcomes of", "region of", "outcomes", "held [%]", "95 % interval [%]"]
     lines = [
         [action, by, region, str(count), f"{100.0 * share:.0f}", f"{100.0 * low:.0f} to {100.0 * high:.0f}"]
         for action, by, region, count, share, (low, high) in _shares(results)
     ]
-    return table(head, lines)
+    return results.table("releases", head, lines)
 
 
 def verdict(results: Results) -> str:

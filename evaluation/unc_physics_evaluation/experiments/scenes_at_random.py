@@ -8,7 +8,7 @@ import numpy as np
 
 from unc_physics import make_propagator, predict
 from unc_physics.checks.errors import DivergedError, NotSupportedError
-from unc_physics.prediction.body_status import BodyStatus, Status
+from unc_physics.prediction.body_status import BodyStatus
 from unc_physics.prediction.diagnostics import RULES, raised
 from unc_physics.prediction.probability import CONFIDENCE
 from unc_physics.prediction.status import assess
@@ -20,6 +20,7 @@ from ..answers import NOTHING, Answer, Counts, Moments, count, distance
 from ..everyday_scenes import KINDS, kind_of, scene_at_random
 from ..goals import Figure, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
+from ..judgement import IGNORED, SHAPE
 from ..methods import MONTE_CARLO
 from ..results import Results, Rows
 from ..tables import table
@@ -47,10 +48,6 @@ FACTOR, MEAN, FLAGS, UNCONFIRMED, COVERED = (
     "intervals hold",
 )
 TIME = "wall time"
-#: Overlap that was resolved at the start is no doubt about the answer.
-IGNORED = Status.INITIAL_OVERLAP
-#: Measures that say to read modes or samples in place of the mean.
-SHAPE = {"outcomes", "mean_penetration", "rotation_std"}
 
 
 def jobs(settings: Settings) -> list[Job]:

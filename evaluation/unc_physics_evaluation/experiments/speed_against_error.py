@@ -27,7 +27,7 @@ from ..methods import FLOOR, GAUSSIAN, MONTE_CARLO, label
 from ..pareto import Choice
 from ..results import Results
 from ..scenarios import MODELS, collision
-from ..tables import number, table
+from ..tables import number
 from ..timing import timed
 from .peers import engine_choices
 
@@ -121,7 +121,7 @@ def report(results: Results) -> str:
             figure, choices, _limits(rows), title, engines if time_quantity == CPU_TIME else {}
         )
         parts.append(f"![Error over {title}](figures/{figure.name})\n")
-    parts.append(_table(rows))
+    parts.append(_table(results, rows))
     parts.append("\n" + goal_tables(_goals(results)))
     return "\n".join(parts)
 
@@ -190,7 +190,7 @@ def _limits(rows):
     }
 
 
-def _table(rows):
+def _table(results, rows):
     models = rows.unique("model")
     choices = {
         model: {
@@ -206,12 +206,10 @@ def _table(rows):
     }
     lines = []
     for method, samples in dict.fromkeys(key for found in choices.values() for key in found):
-        cells = [label(method, samples)]
         for model in models:
             c, d, w = choices[model][method, samples]
-            cells += [number(1e3 * c.time), number(1e3 * w.time), f"{number(c.error)} / {number(d.error)}"]
-        lines.append(cells)
-    head = [""]
-    for model in models:
-        head += [f"{model}: one thread [ms]", "as deployed [ms]", "W1 / floor, position / rotation"]
-    return table(head, lines)
+            times = number(1e3 * c.time), number(1e3 * w.time)
+            lines.append([label(method, samples), model, *times, number(c.error), number(d.error)])
+    head = ["method", "model", "CPU time, one thread [ms]", "wall time, two threads [ms]"]
+    head += [f"W1 {quantity} over floor" for quantity in ("position", "rotation")]
+    return results.table("speed_against_error", head, lines)

@@ -115,7 +115,7 @@ def run(job: Job) -> Outcome:
 
 def report(results: Results) -> str:
     """Goals, and rates of the flags."""
-    return sections(results.rows("stability"))
+    return sections(results)
 
 
 def _truth(given, job):
