@@ -3,14 +3,20 @@ the integrator.
 """
 
 import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from unc_physics import Plane, Scene
 from unc_physics.dynamics import contact_history
 from unc_physics.dynamics.rollout import rollout
 from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.stiffness import with_stiffness
 
 G = 9.81
+FLOOR = Plane(name="floor")
+STEPS = (1 / 120, 1 / 240, 1 / 1000)  # s
+at_steps = pytest.mark.parametrize("dt", STEPS, ids=lambda dt: f"{round(1 / dt)}Hz")
 
 
 def packing(name, centers, radii, inertia):
@@ -44,6 +50,11 @@ PLATE = packing(  # far from a sphere's inertia
     [0.02] * 9,
     np.diag([0.004, 0.013, 0.017]),
 )
+
+
+def world(*bodies, environment=(FLOOR,), **physics):
+    """A robot's world on a floor: gravity, friction 0.5; no rebound unless asked for."""
+    return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
 
 
 def state(position=(0, 0, 0), velocity=(0, 0, 0), spin=(0, 0, 0), orientation=(0, 0, 0, 1)):
@@ -88,9 +99,31 @@ def energy(scene, x):
     return total
 
 
+def tumbling_orientation(inertia, spin, time):
+    """Quaternion (x, y, z, w) of a body that turns freely from the identity, by Euler's equations."""
+
+    def rate(_, y):
+        q, w, turn = y[:3], y[3], y[4:]
+        turning = np.cross(inertia * turn, turn) / inertia
+        return np.concatenate([0.5 * (w * turn + np.cross(q, turn)), [-0.5 * q @ turn], turning])
+
+    start = np.concatenate([[0.0, 0.0, 0.0, 1.0], spin])
+    return solve_ivp(rate, (0.0, time), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:4, -1]
+
+
 def sphere_centers(body, s):
     """(n, 3): centres of a body's spheres at its state (13,), world frame [m]."""
     return body.model.centers @ Rotation.from_quat(s[6:10]).as_matrix().T + s[:3]
+
+
+def momenta(scene, x):
+    """Linear and angular momentum about the origin (2, 3) at a state (B, 13)."""
+    linear, angular = np.zeros(3), np.zeros(3)
+    for body, s in zip(scene.bodies, x, strict=True):
+        R = Rotation.from_quat(s[6:10]).as_matrix()
+        linear += body.mass * s[3:6]
+        angular += body.mass * (np.cross(s[:3], s[3:6]) + R @ body.model.inertia @ R.T @ s[10:])
+    return linear, angular
 
 
 def lowest(model):

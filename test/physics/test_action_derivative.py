@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 from derivatives import CLOSE, assert_derivative_of_steps, derivative, difference
-from plain_scenes import BALL, BLOCK, PLATE, packing, run, state
+from plain_scenes import BALL, BLOCK, PLATE, packing, run, state, world
 from scipy.spatial.transform import Rotation
 from twins.states import boxminus
 
-from unc_physics import Plane, PosePath, RigidBody, Scene, Wrench
+from unc_physics import Plane, PosePath, RigidBody, Wrench
 from unc_physics.dynamics import contact_history
 from unc_physics.dynamics.rollout import rollout
 from unc_physics.scene.action_arrays import path_states, start_states
@@ -43,10 +43,6 @@ PUSHES = [  # from and until times within steps
     Wrench(force=(0.5, 0.8, 0.1), torque=(1e-3, 2e-3, 5e-3), start=0.001, duration=0.1),
     Wrench(force=(0, 0.3, 0), torque=(0, 1e-3, 1e-3), start=0.006, body_axes=True),
 ]
-
-
-def world(*bodies, environment=(), **physics):
-    return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
 
 
 def varied(scene, x, time, length):
@@ -153,7 +149,7 @@ hand = RigidBody("hand", FINGER, trajectory=HAND, trajectory_std=OFF)
 )
 def test_a_rollout_s_derivative_is_that_of_differences(bodies, x, time, more):
     """By the state, and by offsets of paths and times of release."""
-    scene, x = begun(world(*bodies, **more), x)
+    scene, x = begun(world(*bodies, **{"environment": ()} | more), x)
     found = difference(lambda s: run(scene, s, time), x, scene.moving, 1e-6)
     found = np.concatenate([found, varied(scene, x, time, 1e-6).reshape(len(found), -1)], axis=1)
     np.testing.assert_allclose(derivative(scene, x, time), found, rtol=0, atol=CLOSE * np.abs(found).max())

@@ -6,22 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from plain_scenes import BALL, BLOCK, G, course, packing, run, state
+from plain_scenes import BALL, BLOCK, G, at_steps, course, packing, run, state, world
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Box, Plane, PosePath, RigidBody, Scene, Wrench
 
-FLOOR = Plane(name="floor")
 FINGER = BALL.scaled(0.2)  # 1 cm
 #: Flat for all that stands on it.
 GROUND = packing("ground", [[0, 0, -1000.0]], [1000.0], np.eye(3))
-STEPS = (1 / 120, 1 / 240, 1 / 1000)  # s
-at_steps = pytest.mark.parametrize("dt", STEPS, ids=lambda dt: f"{round(1 / dt)}Hz")
-
-
-def world(*bodies, environment=(FLOOR,), **physics):
-    """A robot's world: gravity, friction 0.5; no rebound unless asked for."""
-    return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
 
 
 def straight(first, velocity, time, begin=0.0, orientation=(0, 0, 0, 1)):

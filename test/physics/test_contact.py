@@ -27,31 +27,14 @@ def test_lens_equals_the_twin(ri, rj, share):
         )
 
 
-def test_lens_equals_an_integral():
+@pytest.mark.parametrize("ri, rj, d", [(1.0, 0.7, 1.1), (0.7, 1.0, 0.4), (1.0, 0.5, 0.3), (1.0, 0.7, 1.8)])
+def test_lens_equals_an_integral(ri, rj, d):
     """The volume as an integral over discs, by no formula of lenses at all."""
-    ri, rj, d = 1.0, 0.7, 1.1
     x, dx = np.linspace(-1.0, 2.0, 2_000_001, retstep=True)
     disc2 = np.minimum(ri**2 - x**2, rj**2 - (x - d) ** 2)
     integral = np.pi * np.maximum(disc2, 0.0).sum() * dx
     QUADRATURE = 1e-6
     assert lens(d, ri, rj)[0] == pytest.approx(integral, rel=QUADRATURE)
-
-
-@given(radii, radii)
-def test_limits(ri, rj):
-    small = 4.0 / 3.0 * np.pi * min(ri, rj) ** 3
-    assert lens(ri + rj, ri, rj)[0] == 0.0
-    assert lens(2.0 * (ri + rj), ri, rj)[0] == 0.0
-    assert lens(0.0, ri, rj)[0] == pytest.approx(small)
-    assert lens(0.5 * abs(ri - rj), ri, rj)[0] == pytest.approx(small)
-
-
-@given(radii, radii)
-def test_continuous_where_the_smaller_sphere_goes_inside(ri, rj):
-    inside = abs(ri - rj)
-    before, at = lens(inside * (1 + 1e-9) + 1e-12 * ri, ri, rj), lens(inside, ri, rj)
-    assert before[0] == pytest.approx(at[0], rel=1e-5)
-    assert before[1] == pytest.approx(at[1], abs=1e-5 * (ri + rj))
 
 
 @given(radii, radii, st.floats(0.001, 0.999))
@@ -60,26 +43,3 @@ def test_volume_and_contact_point_see_no_order(ri, rj, share):
     (vij, lij), (vji, lji) = lens(d, ri, rj), lens(d, rj, ri)
     assert vij == pytest.approx(vji, rel=1e-9)
     assert lij + lji == pytest.approx(d, abs=ROUND_OFF * (ri + rj))
-
-
-@given(radii, radii, st.floats(0.01, 0.98))
-def test_volume_shrinks_with_distance(ri, rj, share):
-    d = share * (ri + rj)
-    near, far = lens(d, ri, rj)[0], lens(d * 1.01, ri, rj)[0]
-    assert far < near or (far == near and 1.01 * d <= abs(ri - rj) * (1 + ROUND_OFF))
-
-
-@given(radii, radii, st.floats(0.01, 0.99), st.floats(1e-3, 1e3))
-def test_scales_with_the_cube_of_length(ri, rj, share, s):
-    d = share * (ri + rj)
-    (v, lever), (vs, levers) = lens(d, ri, rj), lens(s * d, s * ri, s * rj)
-    assert vs == pytest.approx(s**3 * v, rel=1e-6, abs=1e-12 * s**3 * min(ri, rj) ** 3)
-    assert levers == pytest.approx(s * lever, abs=1e-9 * s * (ri + rj))
-
-
-@given(radii, radii, st.floats(0.01, 0.99))
-def test_contact_point_lies_in_both_spheres(ri, rj, share):
-    d = share * (ri + rj)
-    lever = lens(d, ri, rj)[1]
-    assert abs(lever) <= ri * (1 + ROUND_OFF)
-    assert abs(d - lever) <= rj * (1 + ROUND_OFF)

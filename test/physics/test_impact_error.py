@@ -84,30 +84,6 @@ def test_draws_depend_on_sample_and_seed_alone():
     np.testing.assert_array_equal(dropped(3), dropped(3, seed=4))
 
 
-def test_islands_and_pieces_draw_the_same():
-    """Two balls far from each other, and each step in a call of its own."""
-    errors = {"impact_direction_std": 0.05, "impact_point_std": 0.002}
-    scene = Scene.everyday(
-        [RigidBody("a", BALL, 0.3), RigidBody("b", BALL, 0.5)],
-        exact=True,
-        environment=[Plane()],
-        restitution=0.5,
-        stiffness=1e7,
-        **errors,
-    )
-    mean = np.array(
-        [state((0.0, 0.0, R + 0.02), (0.3, 0.0, 0.0)), state((2.0, 0.0, R + 0.05), (0.0, 0.1, 0.0))]
-    )
-    belief = Belief.exact(mean)
-    propagator = make_propagator("monte_carlo", samples=4)
-    times = (0.1, 0.2, 0.3)
-    joint = predict(scene, belief, propagator, 0.4, times=times)
-    apart = predict(replace(scene, islands=True), belief, propagator, 0.4, times=times)
-    np.testing.assert_array_equal(joint.samples(4), apart.samples(4))
-    np.testing.assert_array_equal(joint.samples(4), predict(scene, belief, propagator, 0.4).samples(4))
-    assert joint.samples(4)[:, 0, 3].std() > 0.0
-
-
 @pytest.mark.parametrize("name", ["impact_direction_std", "impact_point_std", "impact_friction_std"])
 @pytest.mark.parametrize("propagator", ["sigma_points", "linearization", "surrogate", "local_sampling"])
 def test_others_than_sampling_propagators_leave_it_out_and_say_so(name, propagator):

@@ -5,14 +5,13 @@ import math
 import numpy as np
 import pytest
 from derivatives import CLOSE, assert_derivative_of_steps, derivative, difference
-from plain_scenes import BALL, BLOCK, packing, run, state, turned
+from plain_scenes import BALL, BLOCK, FLOOR, packing, run, state, turned, world
 from scipy.spatial.transform import Rotation
 
-from unc_physics import RigidBody, Scene
+from unc_physics import RigidBody
 from unc_physics.scene.environment import Plane, Sphere
 from unc_physics.scene.stiffness import with_stiffness
 
-FLOOR = Plane(name="floor")
 CORNERS = packing(
     "corners",
     [(x, y, z) for x in (-0.06, 0.06) for y in (-0.04, 0.04) for z in (-0.01, 0.01)],
@@ -20,10 +19,6 @@ CORNERS = packing(
     BLOCK.inertia,
 )
 CAN = packing("can", [(0, -0.05, 0), (0, 0.05, 0)], [0.03] * 2, np.diag([2.5e-3, 4e-4, 2.5e-3]))
-
-
-def world(*bodies, environment=(FLOOR,), **physics):
-    return Scene.everyday(bodies, exact=True, environment=environment, **{"restitution": 0.0} | physics)
 
 
 def ball(x=0.0, z=0.1, velocity=(1.0, 0.2, -0.5), spin=(3.0, -2.0, 5.0)):

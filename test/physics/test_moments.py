@@ -50,12 +50,6 @@ def test_pivoted_cholesky_of_a_diagonal_takes_the_largest_first_ties_to_the_lowe
     np.testing.assert_array_equal(L.T, [[0, 2, 0, 0, 0], [0, 0, 0, 2, 0], [1, 0, 0, 0, 0]])
 
 
-def test_pivoted_cholesky_of_zero_has_no_columns():
-    L, rest = moments.pivoted_cholesky(np.zeros((12, 12)), 1e-14)
-    assert L.shape == (12, 0)
-    assert not rest.any()
-
-
 @pytest.fixture(scope="module")
 def scene(loaded):
     left, right = loaded("two_bodies").scene.bodies
@@ -87,12 +81,6 @@ def test_sigma_points_equal_the_twin_and_rebuild_the_belief(scene, seed, rank, p
         )
 
 
-def test_a_certain_belief_has_one_sigma_point(scene):
-    belief = Belief.exact(random_states(np.random.default_rng(0), 3), [0, 2])
-    carry = make_propagator("sigma_points").init(scene, belief)
-    np.testing.assert_array_equal(carry.states, belief.mean[None])
-
-
 def test_one_certain_body_beside_an_uncertain_one(scene):
     """Only the directions that are uncertain get points, and only they spread."""
     P = np.zeros((2, 12, 12))
@@ -115,16 +103,6 @@ def test_mean_and_errors_equal_the_twin(seed, count, spread):
     reference, P = twin.moments(states, [0, 1])
     np.testing.assert_allclose(twin.boxminus(mean, reference), 0.0, atol=1e-10)
     np.testing.assert_allclose(moments.second_moment(errors), P, atol=1e-9)
-
-
-@given(seeds)
-def test_errors_about_the_mean_have_no_mean(seed):
-    rng = np.random.default_rng(seed)
-    states = twin.boxplus(
-        np.repeat(random_states(rng, 1)[None], 20, axis=0), 0.3 * rng.standard_normal((20, 1, 12))
-    )
-    _, errors = moments.mean_and_errors(states, np.array([0]))
-    np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=1e-11)
 
 
 @given(seeds, st.integers(1, 100))
@@ -156,19 +134,3 @@ def test_draws_have_the_belief_s_moments(loaded):
     STATISTICS = 5.0 / np.sqrt(count)
     assert np.abs(errors.mean(axis=0) / std).max() < STATISTICS
     assert np.abs((errors.T @ errors / count - P) / np.outer(std, std)).max() < np.sqrt(2) * STATISTICS
-
-
-def test_draws_of_a_larger_count_begin_with_those_of_a_smaller(loaded):
-    _, belief, _ = loaded("two_bodies")
-    few, many = (belief.sample(n, np.random.default_rng(1)) for n in (3, 50))
-    np.testing.assert_array_equal(few, many[:3])
-
-
-def test_draws_are_correlated_between_bodies_as_the_belief_says():
-    P = np.zeros((24, 24))
-    P[0, 0] = P[12, 12] = 1.0
-    P[0, 12] = P[12, 0] = 1.0 - 1e-6
-    mean = np.tile([0.0] * 9 + [1.0] + [0.0] * 3, (2, 1))
-    states = Belief(mean, P).sample(100, np.random.default_rng(0))
-    assert np.abs(states[:, 0, 0] - states[:, 1, 0]).max() < 0.01
-    assert np.ptp(states[:, 0, 0]) > 1.0

@@ -100,14 +100,6 @@ def test_distance_is_that_from_the_nearest_point_of_the_surface(name):
 
 
 @pytest.mark.parametrize("name", KNOWN)
-@given(a=points, b=points)
-def test_distance_changes_no_faster_than_the_point_moves(name, a, b):
-    element = KNOWN[name][0]
-    change = abs(surface(element, a)[0] - surface(element, b)[0])
-    assert change <= math.dist(a, b) + ROUND_OFF
-
-
-@pytest.mark.parametrize("name", KNOWN)
 def test_the_normal_is_the_gradient_of_the_distance(name):
     element, h = KNOWN[name][0], 1e-6
     compared = 0
