@@ -1,4 +1,4 @@
-"""Scenes with the implicit integrator through the whole library: materials, stiffness, islands, answers."""
+"""Scenes with the implicit integrator through the whole library: materials and answers."""
 
 import json
 from dataclasses import replace
@@ -7,24 +7,15 @@ import numpy as np
 import pytest
 import yaml
 from example_scenes import CONTENTS
-from plain_scenes import ball
+from plain_scenes import BALL, G, state
 
-from unc_physics import Plane, RigidBody, Scene, make_propagator, predict
+from unc_physics import Plane, RigidBody, Scene, predict
 from unc_physics.__main__ import main
-from unc_physics.checks.errors import NotSupportedError
-from unc_physics.prediction.request_checks import check_supported
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.parameters import vary
 from unc_physics.scene.physics_summary import physics_as_text, physics_of
 
-R = 0.03  # m, the ball's radius
-BALL = ball(R)
-G = 9.81
-
-
-def state(*position, velocity=(0.0, 0.0, 0.0)):
-    """A state (13,) in the identity's orientation."""
-    return np.concatenate([position, velocity, (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
+R = 0.05  # m, the ball's radius
 
 
 def on_floor(*bodies, floor=None, **options):
@@ -45,9 +36,8 @@ def test_friction_is_the_geometric_mean_of_the_partners(own, floor, expected):
         friction=0.2 if own is None else 0.4,
     )
     speed, time = 4.0, 0.1
-    end = predict(
-        scene, Belief.exact([state(0, 0, R, velocity=(speed, 0, 0))]), "sigma_points", time
-    ).belief.mean[0]
+    belief = Belief.exact([state((0, 0, R), (speed, 0, 0))])
+    end = predict(scene, belief, "sigma_points", time).belief.mean[0]
     assert speed - end[3] == pytest.approx(
         expected * G * round(time / scene.dt) * scene.dt, rel=0.01, abs=1e-6
     )
@@ -65,9 +55,8 @@ def test_restitution_is_the_geometric_mean_of_the_partners(own, floor, expected)
         gravity=None,
         restitution=0.9 if own is None else 0.6,
     )
-    end = predict(
-        scene, Belief.exact([state(0, 0, R + 0.01, velocity=(0, 0, -1))]), "sigma_points", 0.1
-    ).belief.mean[0]
+    belief = Belief.exact([state((0, 0, R + 0.01), (0, 0, -1))])
+    end = predict(scene, belief, "sigma_points", 0.1).belief.mean[0]
     assert end[5] == pytest.approx(expected, rel=0.02, abs=0.02)
 
 
@@ -79,31 +68,6 @@ def test_the_kernels_get_the_varied_materials():
     world = vary(scene, np.array([1.0, -2.0]))  # the scene's restitution, a's friction
     np.testing.assert_allclose(world.implicit.friction, [0.4 * np.exp(-2.0 * 0.05 / 0.4), 0.5, 0.5])
     np.testing.assert_allclose(world.implicit.restitution, [0.15, 0.15, 0.15])
-
-
-# -- islands -----------------------------------------------------------------------------------------
-
-
-def two_apart(**options):
-    bodies = [RigidBody("left", BALL, 1.0, friction=0.3), RigidBody("right", BALL, 1.0, restitution=0.7)]
-    scene = on_floor(*bodies, RigidBody("post", BALL, fixed=True, **options), islands=True)
-    mean = np.array(
-        [
-            state(-1, 0, R + 0.01, velocity=(0.3, 0, 0)),
-            state(1, 0, R + 0.01, velocity=(-0.2, 0, 0)),
-            state(0, 0, R),
-        ]
-    )
-    return scene, Belief(mean, np.tile(1e-6 * np.eye(12), (2, 1, 1)), scene.moving)
-
-
-@pytest.mark.parametrize("options", [{}, {"friction": 0.5, "friction_std": 0.1}])
-def test_islands_have_the_materials_of_their_bodies(options):
-    scene, belief = two_apart(**options)
-    propagator = make_propagator("monte_carlo", samples=20)
-    apart, joint = (predict(s, belief, propagator, 0.3) for s in (scene, replace(scene, islands=False)))
-    assert apart.scene.stiffness == joint.scene.stiffness
-    np.testing.assert_array_equal(apart.samples(), joint.samples())
 
 
 # -- files and the command ---------------------------------------------------------------------------
@@ -163,10 +127,3 @@ def test_answers_name_what_becomes_of_overlap(overlap):
     scene = on_floor(RigidBody("ball", BALL, 1.0), overlap=overlap)
     assert physics_of(scene)["overlap"] == overlap
     assert f"overlap {overlap}" in physics_as_text(scene)
-
-
-def test_monte_carlo_alone_rejects():
-    scene = on_floor(RigidBody("ball", BALL, 1.0), overlap="reject")
-    with pytest.raises(NotSupportedError, match="^overlap .*monte_carlo.*sigma_points.*'reject'"):
-        predict(scene, Belief.exact([state(0, 0, 1)]), "sigma_points", 0.1)
-    check_supported(scene, make_propagator("monte_carlo"))

@@ -156,23 +156,6 @@ def test_a_certain_body_is_a_single_trajectory():
     assert [now.root.shape[1] for now in linear.carries] == [27, 9, 0, 9]
 
 
-@pytest.mark.parametrize("name", PROPAGATORS)
-def test_the_result_does_not_depend_on_how_it_is_divided_into_calls(name):
-    scene, belief = crowd()
-    scene = replace(scene, islands=True)
-    options = {"samples": 10} if "samples" in PROPAGATORS[name].options() else {}
-    propagator = make_propagator(name, **options)
-    whole = predict(scene, belief, propagator, 1.0)
-    pieces = predict(scene, belief, propagator, 1.0, progress=lambda done, steps: None)
-    again = predict(scene, belief, propagator, 1.0)
-    for other in (pieces, again):
-        np.testing.assert_array_equal(whole.belief.mean, other.belief.mean)
-        np.testing.assert_array_equal(whole.belief.covariance, other.belief.covariance)
-        np.testing.assert_array_equal(
-            whole.carry.contact_history.first_time, other.carry.contact_history.first_time
-        )
-
-
 @pytest.mark.parametrize("name", ["linearization", "surrogate", "sigma_points"])
 def test_a_lone_body_flies_in_closed_form_as_step_by_step(name):
     scene, belief, _ = scene_from_dict(two_bodies() | {"gravity": [0.3, 0.0, -5.0]})

@@ -1,7 +1,6 @@
 """Probabilities of events: of contact, of being in a region, of being at rest, and of what combines them."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -176,15 +175,6 @@ def test_regions_are_boxes_in_any_pose():
     assert inside.tolist() == [True, False, True, False]
     with pytest.raises(InvalidEnvironmentError, match="size"):
         BoxRegion("flat", [1.0, 0.0, 1.0])
-
-
-def test_islands_give_the_same_answers():
-    scene, belief, _ = grazing(0.7)
-    answers = [
-        predict(own, belief, monte_carlo(), 2.0).probability(TOUCH)
-        for own in (scene, replace(scene, islands=True))
-    ]
-    assert answers[0] == answers[1]
 
 
 def test_the_command_line_reports_probabilities(tmp_path, capsys):

@@ -4,8 +4,6 @@ import itertools
 import json
 import re
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,15 +14,12 @@ from twins.states import boxminus
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.__main__ import main
-from unc_physics.prediction import diagnostics
 from unc_physics.prediction.body_status import Status
-from unc_physics.prediction.diagnosis import rollout_spreads
 from unc_physics.prediction.diagnostics import mean_pose_errors
-from unc_physics.prediction.evidence import Evidence, initial_diagnostics, spread_factors
+from unc_physics.prediction.evidence import Evidence, initial_diagnostics
 from unc_physics.prediction.status import assess, assess_all
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
 from unc_physics.scene.environment import Box, Plane
-from unc_physics.scene.marks import mark_at
 from unc_physics.scene.scene_file import scene_from_dict
 from unc_physics.spatial.moments import pose_spreads
 
@@ -178,22 +173,6 @@ def test_points_that_turn_by_half_a_turn_are_compared_with_rollouts():
         assert status.measures["unevenness"] < 1.05
         assert ("spread_disagreement" in status.measures) == wrong
         assert status.flags == (Status.OUTSIDE_VALIDITY if wrong else Status.FINE)
-
-
-def test_what_a_dozen_rollouts_leave_open_more_of_them_decide():
-    """Rotations spread by half of what they should; 36 rollouts see it better than the first twelve."""
-    scene, belief = brick_on_a_floor(0.1, (0, 0, 0), 1e-2, 6e-2, 5e-2, restitution=0.5)
-    horizon = 0.25
-    prediction = predict(scene, belief, "linearization", horizon)
-    marks, own = [mark_at(horizon, scene.dt)], pose_spreads(prediction.belief.blocks)[0]
-    few, more, many = (
-        rollout_spreads(prediction.scene, belief, marks, count, seed)[0, 0] / own
-        for count, seed in ((12, 0), (24, 1), (1000, 0))
-    )
-    (status,) = assess(prediction, rollouts=12)
-    both, few, many = (max(*r, *(1.0 / r)) for r in (np.sqrt((12 * few**2 + 24 * more**2) / 36), few, many))
-    assert status.measures["doubtful_contacts"] == pytest.approx(both, rel=1e-9)
-    assert abs(both - many) < 0.5 * abs(few - many)
 
 
 @pytest.mark.parametrize("name", ["linearization", "sigma_points", "monte_carlo"])
@@ -409,14 +388,6 @@ def test_samples_made_of_rollouts_gain_no_energy_that_these_do_not(islands):
         assert emitted > 1.1 * simulated, "what the samples have by themselves"
 
 
-def test_a_brick_that_begins_in_the_floor_overlaps():
-    scene, belief = stack(1.0)
-    mean = belief.mean.copy()
-    mean[0, 2] -= 0.05 * scene.bodies[0].model.bounding_radius
-    (status,) = statuses(scene, Belief(mean, belief.covariance), "sigma_points", 0.1)
-    assert status.flags & Status.INITIAL_OVERLAP
-
-
 @pytest.mark.parametrize(
     ("count", "std", "flagged"), [(100, 0.001, True), (100, 0.05, False), (7000, 0.0, False)]
 )
@@ -465,17 +436,3 @@ def test_few_spheres_get_a_note(tmp_path, capsys):
         path.write_text(yaml.safe_dump(content | {"integrator": integrator} | laws))
         assert main(["predict", str(path)]) == 0
         assert ("toy has 100 spheres, which reach up to" in capsys.readouterr().err) is noted
-
-
-def test_the_numbers_of_a_flag_add_up_where_a_spread_is_below_the_floor():
-    scene = SimpleNamespace(moving=np.array([0]))
-    start = SimpleNamespace(shapes=np.array([[0.0, 0.0, 0.0, 0.05]]))
-    blocks, spreads = np.zeros((1, 12, 12)), np.array([[0.0, 0.819]])
-    factors = spread_factors(SimpleNamespace(bodies=[None], moving=scene.moving), start, blocks, spreads)
-    snapshot = SimpleNamespace(belief=SimpleNamespace(blocks=blocks))
-    evidence: Any = SimpleNamespace(
-        scene=scene, start=start, snapshot=snapshot, spreads=spreads, factors=factors
-    )
-    said = diagnostics._spreads_apart(evidence, 0)
-    assert said == "rotation by 0 rad here and by 0.819 rad there (less than 0.0001 rad counts as this much)"
-    assert factors[0, 1] == pytest.approx(0.819 / 0.0001)

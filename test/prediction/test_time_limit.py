@@ -8,8 +8,7 @@ import pytest
 from unc_physics import Belief, Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.checks.errors import PredictionTimeoutError
 from unc_physics.compiler.compile_time import clock
-from unc_physics.compiler.time_limit import TimeLimit, limited, time_limit
-from unc_physics.initialization.overlap_search import sides_of
+from unc_physics.compiler.time_limit import TimeLimit
 from unc_physics.prediction.compute_budget import ComputeBudget
 from unc_physics.propagators import rollouts
 
@@ -37,16 +36,6 @@ def test_a_prediction_is_given_up_in_time_whatever_a_step_takes(overlap):
         predict(scene, belief, "sigma_points", 0.5, max_computation_time=ALLOWED)
     assert time.perf_counter() - started < 8.0  # minutes without a limit
     assert caught.value.prediction is None
-
-
-def test_a_search_for_sides_ends_between_pairs():
-    scene, belief = bricks(2, 60, 0.1, stiffness=1e9)
-    sides = sides_of(belief.mean, limited(scene.world))
-    assert sides[0, 1].any() and not sides[1, 0].any()
-    with time_limit() as limit:
-        limit.stop()
-        ended = sides_of(belief.mean, limited(scene.world))
-    assert not ended[:, :2].any()
 
 
 def certain_bricks():

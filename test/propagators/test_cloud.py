@@ -9,7 +9,6 @@ from scipy.special import ndtri
 from scipy.stats import norm, qmc
 
 from unc_physics import Belief, Plane, Scene, Touches, make_propagator, predict
-from unc_physics.checks.errors import InvalidOptionError
 from unc_physics.prediction.status import assess
 from unc_physics.propagators import displacements, emission, response_surface, sobol
 from unc_physics.propagators.reduction import common_covariance, reduction
@@ -319,8 +318,3 @@ def test_uncertain_parameters_are_directions_like_others(loaded):
     assert heights[1].std() > 0.01
     np.testing.assert_allclose(heights[0].mean(), heights[1].mean(), atol=0.3 * heights[1].std())
     np.testing.assert_allclose(heights[0].std(), heights[1].std(), rtol=0.3)
-
-
-def test_too_few_runs_are_refused():
-    with pytest.raises(InvalidOptionError, match="at least 12"):
-        make_propagator("cloud", runs=11)

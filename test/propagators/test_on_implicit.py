@@ -141,16 +141,3 @@ def test_a_can_rolls_by_the_cylinder_that_its_spheres_stand_for(yaw):
     )
     expected = np.hypot(1e-3, moved), np.hypot(1e-2, moved / radius)
     np.testing.assert_allclose(np.sqrt(variances), expected, rtol=0.05)
-
-
-@pytest.mark.parametrize("name", NOMINAL)
-def test_pieces_equal_the_whole_to_the_last_bit(name, impact):
-    scene, start = impact
-    propagator = make_propagator(name)
-    begun = propagator.init(scene, start)
-    whole, parts = propagator.advance(begun, scene, 40), begun
-    for steps in (3, 20, 17):
-        parts = propagator.advance(parts, scene, steps)
-    ends = [propagator.belief(carry, scene) for carry in (whole, parts)]
-    np.testing.assert_array_equal(ends[0].mean, ends[1].mean)
-    np.testing.assert_array_equal(ends[0].covariance, ends[1].covariance)

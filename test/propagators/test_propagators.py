@@ -199,14 +199,6 @@ def test_what_the_implicit_step_remembers_is_no_part_of_table_3(loaded, name, op
     assert carry.contact_history.solver.contact.size > scalars
 
 
-@pytest.mark.parametrize("rank", [0, 1, 5, 24])
-def test_minimal_sigma_points_are_as_many_as_directions(loaded, rank):
-    scene, belief, _ = loaded("two_bodies")
-    P = np.diag([0.01] * rank + [0.0] * (24 - rank))
-    carry = make_propagator("sigma_points").init(scene, Belief(belief.mean, P))
-    assert sum(part.size for part in arrays(carry)) == 13 * 2 * (2 * rank + 1)
-
-
 # -- free flight -----------------------------------------------------------------------------------
 
 STEPS, DT, DAMPING = 50, 0.02, 0.7
@@ -444,14 +436,6 @@ def test_a_certain_belief_stays_certain_and_follows_the_rollout(loaded, propagat
     _, truth = advanced(make_propagator("monte_carlo", samples=1), scene, Belief.exact(belief.mean), 60)
     np.testing.assert_allclose(twin.boxminus(after.mean, truth.mean), 0.0, atol=1e-10)
     np.testing.assert_allclose(after.joint, 0.0, atol=1e-20)
-
-
-@every_propagator
-def test_a_single_body(loaded, propagator):
-    scene, belief, _ = loaded("two_bodies")
-    alone = Scene(scene.bodies[:1], scene.dt, gravity=[0, 0, -1])
-    _, after = advanced(propagator, alone, Belief(belief.mean[:1], belief.blocks[:1]), 10)
-    assert after.joint.shape == (12, 12) and np.isfinite(after.joint).all()
 
 
 @every_propagator

@@ -59,21 +59,6 @@ def test_a_throw_at_an_uncertain_time_from_an_uncertain_hand(name):
     assert prediction.body("hand").prescribed and not prediction.body("hand").position_std.any()
 
 
-def test_a_prediction_in_pieces_is_the_same():
-    """Every bit, with a release and an attachment in it."""
-    line = PosePath(times=[0, 1], positions=[[-0.2, 0, 0.03], [0.1, 0, 0.03]])
-    bodies = [
-        RigidBody("box", BLOCK, 0.5, attached_to="hand", attached_at=0.503, released_at=0.801),
-        RigidBody("hand", BALL.scaled(0.2), trajectory=line),
-    ]
-    scene = Scene.everyday(bodies, exact=True, environment=[Plane()])
-    beliefs = Belief.of(scene, {"box": BodyBelief(position=(0, 0, 0.02), position_std=[0.01, 0.01, 0])})
-    propagator = make_propagator("monte_carlo", samples=5)
-    whole = predict(scene, beliefs, propagator, 1.0).samples()
-    parts = predict(scene, beliefs, propagator, 1.0, times=[0.1, 0.5, 0.55, 0.8]).samples()
-    np.testing.assert_array_equal(whole, parts)
-
-
 def test_islands_know_nothing_of_actions():
     line = PosePath(times=[0, 1], positions=[[-1.2, 0, 0.03], [2.1, 0, 0.03]])
     bodies = [
