@@ -2,6 +2,8 @@
 
 import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -30,6 +32,13 @@ def environment(*folders):
     """Environment variables of a process that finds the packages, and first those in some folders."""
     places = [*map(str, folders), str(ROOT), os.environ.get("PYTHONPATH", "")]
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, places))}
+
+
+def run(*command, folders=(), cwd=ROOT):
+    """Exit status, output and errors of a process of Python in such an environment."""
+    command, env = [sys.executable, *command], environment(*folders)
+    done = subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
 
 
 def edited(text, difference):

@@ -2,14 +2,12 @@
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from example_extensions import ROOT, code, environment, install
+from example_extensions import code, install, run
 from example_scenes import two_bodies
 
 from unc_physics import ErrorCode
@@ -48,29 +46,15 @@ def installed(tmp_path_factory):
     return folder
 
 
-def run(installed, *command):
-    """A process's exit status, output and errors, where `antithetic` is installed."""
-    done = subprocess.run(
-        [sys.executable, *command],
-        env=environment(installed, HERE.parent),
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return done.returncode, done.stdout, done.stderr
-
-
 def test_the_whole_contract(installed):
-    status, output, errors = run(installed, str(HERE / "antithetic_contract.py"))
+    status, output, errors = run(HERE / "antithetic_contract.py", folders=(installed, HERE.parent))
     assert (status, output.splitlines()[-1:]) == (0, ["kept"]), errors
 
 
 def test_the_tests_of_every_propagator_cover_it(installed):
-    tests = str(ROOT / "test" / "propagators" / "test_propagators.py")
-    status, output, errors = run(
-        installed, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "antithetic", tests
-    )
+    tests = HERE.parent / "propagators" / "test_propagators.py"
+    selected = "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "antithetic", tests
+    status, output, errors = run(*selected, folders=[installed])
     assert status == 0, output + errors
     assert int(re.search(r"(\d+) passed", output)[1]) >= 10
 
@@ -92,7 +76,7 @@ def test_on_the_command_line(installed):
         ["propagators"],
         ["predict", "--help"],
     ]
-    status, output, errors = run(installed, "-c", EACH, json.dumps(commands))
+    status, output, errors = run("-c", EACH, json.dumps(commands), folders=[installed])
     assert status == 0, errors
     answer, wrong, listed, help_text = (part.rpartition("\n") for part in output.split(MARK)[:-1])
     assert [int(part[2]) for part in (answer, wrong, listed, help_text)] == [
@@ -125,18 +109,12 @@ def test_what_cannot_be_loaded_is_left_out(installed, tmp_path):
     (tmp_path / "halves.py").write_text(HALF)
     points = "broken = not_there:Broken\nhalf = halves:Half\nother = halves:Half\nsurrogate = halves:Half\n"
     (package / "entry_points.txt").write_text(f"[unc_physics.propagators]\n{points}")
-    done = subprocess.run(
-        [sys.executable, "-c", "from unc_physics import PROPAGATORS; print(*PROPAGATORS)"],
-        env=environment(tmp_path, installed),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    names = " ".join([*BUILT_IN, "antithetic"])
-    assert done.stdout.split() == names.split()
-    assert "the propagator 'broken' is left out: No module named 'not_there'" in done.stderr
-    assert "the propagator 'half' is left out: Can't instantiate abstract class Half" in done.stderr
-    assert (
-        "the propagator 'other' is left out: halves:Half is no subclass of Propagator whose name is 'other'"
-        in done.stderr
-    )
+    program = "from unc_physics import PROPAGATORS; print(*PROPAGATORS)"
+    status, output, errors = run("-c", program, folders=[tmp_path, installed])
+    assert (status, output.split()) == (0, [*BUILT_IN, "antithetic"]), errors
+    for name, reason in (
+        ("broken", "No module named 'not_there'"),
+        ("half", "Can't instantiate abstract class Half"),
+        ("other", "halves:Half is no subclass of Propagator whose name is 'other'"),
+    ):
+        assert f"the propagator '{name}' is left out: {reason}" in errors

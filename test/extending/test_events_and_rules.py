@@ -1,9 +1,6 @@
 """An event and a status rule, from the documentation's page."""
 
-import subprocess
-import sys
-
-from example_extensions import code, environment
+from example_extensions import code, run
 
 #: Adds the rule to the module that it is written for, and asks for the status of a body at 30 m and at 300 m.
 RULE = """
@@ -20,25 +17,17 @@ for x in (30.0, 300.0):
 """
 
 
-def run(folder, *names, script):
-    for name in names:
-        (folder / name).write_text(code()[name])
-    (folder / "script.py").write_text(script)
-    done = subprocess.run(
-        [sys.executable, "script.py"],
-        cwd=folder,
-        env=environment(folder),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+def printed(folder, name, script):
+    """Lines that a script prints beside a file of the page."""
+    (folder / name).write_text(code()[name])
+    status, output, errors = run("-c", script, folders=[folder], cwd=folder)
+    assert status == 0, errors
+    return output.splitlines()
 
 
 def test_an_event_is_a_class(tmp_path):
     script = code()["use_higher_than.py"]
-    read, estimate = run(tmp_path, "higher_than.py", script=script)
+    read, estimate = printed(tmp_path, "higher_than.py", script)
     assert read == "True ball above 1.1 m"
     assert (
         abs(float(estimate) - 0.1587) < 4.0 * (0.1587 * 0.8413 / 1000) ** 0.5
@@ -46,7 +35,7 @@ def test_an_event_is_a_class(tmp_path):
 
 
 def test_a_status_rule_is_a_function(tmp_path):
-    near, far = run(tmp_path, "rule_far_away.py", script=RULE)
+    near, far = printed(tmp_path, "rule_far_away.py", RULE)
     assert near == "0 30.0 "
     assert far.startswith("2 300.0 is far from the origin; choose a world frame near the scene")
     assert far.endswith("(distance_from_origin 300 m above 100 m)")

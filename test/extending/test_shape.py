@@ -3,11 +3,9 @@
 import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
-from example_extensions import PAGE, ROOT, code, edited, environment
+from example_extensions import PAGE, ROOT, code, edited, run
 
 HERE = Path(__file__).parent
 SCENE = """\
@@ -31,12 +29,5 @@ def test_a_cone_is_a_file_and_a_few_lines(tmp_path):
         (tmp_path / file).write_text(edited((tmp_path / file).read_text(), lines))
     (tmp_path / "cone.yaml").write_text(SCENE)
     whole = ["rollout"] if os.environ.get("CONE_ROLLOUT") == "ON" else []  # it compiles all kernels anew
-    done = subprocess.run(
-        [sys.executable, str(HERE / "cone_contract.py"), *whole],
-        cwd=tmp_path,
-        env=environment(tmp_path),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout.splitlines()[-1:]) == (0, ["kept"]), done.stderr
+    status, output, errors = run(HERE / "cone_contract.py", *whole, folders=[tmp_path], cwd=tmp_path)
+    assert (status, output.splitlines()[-1:]) == (0, ["kept"]), errors

@@ -1,27 +1,18 @@
 """A simulator of one's own under Monte Carlo, from the documentation's page."""
 
 import runpy
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from example_extensions import code, environment
+from example_extensions import code, run
 
 
 def test_it_answers_as_any_other(tmp_path):
     for name in ("bouncing_balls.py", "use_bouncing_balls.py"):
         (tmp_path / name).write_text(code()[name])
-    done = subprocess.run(
-        [sys.executable, "use_bouncing_balls.py"],
-        cwd=tmp_path,
-        env=environment(tmp_path),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    belief, probability = done.stdout.splitlines()
+    status, output, errors = run("use_bouncing_balls.py", folders=[tmp_path], cwd=tmp_path)
+    assert status == 0, errors
+    belief, probability = output.splitlines()
     # after 0.45 s without bounce: x from the velocity, and about half of those that begin 1 m high have
     # bounced
     assert float(belief.strip("[ ").split()[0]) == pytest.approx(0.225, abs=0.02)

@@ -9,7 +9,7 @@ from test_distance import brute_distances
 
 from unc_physics.checks.errors import InvalidOptionError, InvalidRequestError
 from unc_physics.geometry import packing as packing_module
-from unc_physics.geometry.packing import nested_order, pack_solid
+from unc_physics.geometry.packing import pack_solid
 from unc_physics.geometry.solid_mesh import make_solid, winding_number
 
 TOUCH = 1e-12  # of the bounding radius: what overlap and protrusion may come to
@@ -113,14 +113,6 @@ def test_a_first_part_of_equal_spheres_spreads_over_the_body():
     for k in (4, 8, 16, 32):
         along = np.sort(packing.centers[:k, 0])
         assert np.diff(np.concatenate([[-0.5], along, [0.5]])).max() < 2.5 / k
-
-
-def test_order_keeps_larger_spheres_first():
-    rng = np.random.default_rng(0)
-    spheres = np.column_stack([rng.random((500, 3)), rng.uniform(0.1, 0.2, 500)])
-    ordered = nested_order(spheres, np.zeros(3), 1.0)
-    assert np.all(ordered[1:, 3] <= np.minimum.accumulate(ordered[:, 3])[:-1] / packing_module.TIE)
-    np.testing.assert_array_equal(np.sort(ordered, axis=0), np.sort(spheres, axis=0))
 
 
 def test_a_packing_that_runs_out_of_gaps_stops_short(monkeypatch):

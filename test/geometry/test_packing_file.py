@@ -5,7 +5,7 @@ import pytest
 
 from unc_physics.checks.errors import InvalidModelError
 from unc_physics.geometry import packing_file
-from unc_physics.geometry.packing_file import SpherePacking, load_packing, save_packing, solid_spheres_inertia
+from unc_physics.geometry.packing_file import SpherePacking, load_packing, save_packing
 
 ROUND_OFF = 1e-13
 
@@ -67,21 +67,6 @@ def test_a_file_of_spheres_only_gets_its_inertia_from_them(tmp_path):
     assert packing.volume == pytest.approx(4.0 / 3.0 * np.pi * 1.125)
     assert packing.bounding_radius == pytest.approx(3.0 * m[0] + 0.5)
     assert packing.name == "pair" and packing.mass is None
-
-
-def test_inertia_of_solid_spheres_against_samples():
-    rng = np.random.default_rng(0)
-    centers, radii = rng.normal(size=(4, 3)), rng.uniform(0.3, 0.6, 4)
-    points = rng.uniform(-4.0, 4.0, (400_000, 3))
-    covered = np.sum(
-        np.linalg.norm(points[:, None] - centers, axis=2) < radii, axis=1
-    )  # overlaps count twice
-    arm = points - np.average(points, axis=0, weights=covered)
-    second = (arm.T * covered) @ arm / covered.sum()
-    _, inertia = solid_spheres_inertia(centers, radii)
-    np.testing.assert_allclose(
-        inertia, np.trace(second) * np.eye(3) - second, rtol=0.05, atol=0.05
-    )  # sampling
 
 
 def test_prefix_keeps_the_body():

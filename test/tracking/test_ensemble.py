@@ -77,14 +77,6 @@ def test_gaussian_and_ensemble_agree_about_poses():
     assert by_members.innovations[0].square == pytest.approx(innovation.square, rel=0.02)
 
 
-def test_an_uninformative_measurement_changes_nothing():
-    rng = np.random.default_rng(3)
-    states = ensemble(random_covariance(12, rng, SCALE), 64, rng)
-    seen = PoseMeasurement(pose([0.3, 0.0, 0.0]), np.full(6, 1e6)).observation(BODY)
-    result = corrected(states, np.array([0]), [BodyObservation(0, seen, 0)], np.zeros(1))
-    assert result.states == pytest.approx(states, abs=1e-10)
-
-
 def test_the_order_of_independent_measurements_does_not_matter():
     rng = np.random.default_rng(4)
     P = random_covariance(24, rng, np.r_[SCALE, SCALE])
