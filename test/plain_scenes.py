@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from unc_physics import Plane, Scene
+from unc_physics import Belief, Plane, Scene
 from unc_physics.dynamics import contact_history
 from unc_physics.dynamics.rollout import rollout
 from unc_physics.geometry.packing_file import SpherePacking
@@ -60,6 +60,12 @@ def world(*bodies, environment=(FLOOR,), **physics):
 def state(position=(0, 0, 0), velocity=(0, 0, 0), spin=(0, 0, 0), orientation=(0, 0, 0, 1)):
     """A state (13,)."""
     return np.concatenate([position, velocity, orientation, spin]).astype(float)
+
+
+def independent(*states, position=0.0, velocity=0.0, rotation=0.0, spin=0.0):
+    """A belief about bodies at states (13,), all with these standard deviations, of all axes or of three."""
+    std = np.concatenate([np.broadcast_to(one, 3) for one in (position, velocity, rotation, spin)])
+    return Belief(np.array(states), np.tile(np.diag(std.astype(float) ** 2), (len(states), 1, 1)))
 
 
 def turned(*rotation_vector):

@@ -5,8 +5,7 @@ import threading
 import time
 import weakref
 
-from unc_physics.compiler.time_limit import TimeLimit, limit_here, limited, time_limit
-from unc_physics.dynamics.implicit_world import NEVER
+from unc_physics.compiler.time_limit import TimeLimit, limit_here, time_limit
 
 
 def wait_for(limit, seconds=5.0):
@@ -57,12 +56,3 @@ def test_each_thread_has_its_own_limit_and_its_end_stops_what_still_runs():
             assert seen == [None]
         assert inner.passed and limit_here() is outer and not outer.passed
     assert outer.passed
-
-
-def test_worlds_share_the_flag_that_nothing_raises(loaded):
-    world = loaded("everyday").scene.__class__.everyday(loaded("everyday").scene.bodies, stiffness=1e9).world
-    assert world.implicit.stop is NEVER and limited(world) is world
-    with time_limit() as limit:
-        assert limited(world).implicit.stop is limit.flag
-        assert world.implicit.stop is NEVER
-    assert not NEVER.any()

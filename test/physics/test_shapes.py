@@ -115,40 +115,6 @@ def test_the_normal_is_the_gradient_of_the_distance(name):
     assert compared > 350
 
 
-@pytest.mark.parametrize(
-    "element, point, distance, normal",
-    [
-        (Box((2, 4, 6)), (2.0, 0.1, 0.2), 1.0, (1, 0, 0)),
-        (Box((2, 4, 6)), (2.0, 3.0, 0.2), math.hypot(1, 1), (math.sqrt(0.5), math.sqrt(0.5), 0)),
-        (Box((2, 4, 6)), (-2.0, 3.0, 4.0), math.sqrt(3), (-(3**-0.5), 3**-0.5, 3**-0.5)),
-        (Box((2, 4, 6)), (0.9, 0.0, 0.0), -0.1, (1, 0, 0)),
-        (Box((2, 4, 6)), (0.0, -1.8, 0.0), -0.2, (0, -1, 0)),
-        (Box((2, 4, 6)), (0.0, 0.0, 0.0), -1.0, (1, 0, 0)),
-        (Box((2, 2, 2)), (0.5, -0.5, 0.5), -0.5, (1, 0, 0)),
-        (Sphere(0.5), (0.0, 0.0, 0.0), -0.5, (1, 0, 0)),
-        (Sphere(0.5), (0.0, 0.0, -0.7), 0.2, (0, 0, -1)),
-        (Sphere(0.5), (0.3, 0.4, 0.0), 0.0, (0.6, 0.8, 0)),
-        (Cylinder(0.5, 4.0), (0.0, 0.0, 0.0), -0.5, (1, 0, 0)),
-        (Cylinder(0.5, 4.0), (0.0, 0.0, -1.9), -0.1, (0, 0, -1)),
-        (Cylinder(0.5, 4.0), (0.0, 0.0, 1.5), -0.5, (1, 0, 0)),  # the side and the end are equally near
-        (Cylinder(0.5, 4.0), (0.0, 0.0, 3.0), 1.0, (0, 0, 1)),
-        (Cylinder(0.5, 4.0), (0.0, -0.8, 1.0), 0.3, (0, -1, 0)),
-        (Cylinder(0.5, 4.0), (0.0, 0.8, 2.4), 0.5, (0, 0.6, 0.8)),
-        (Capsule(0.5, 4.0), (0.0, 0.0, 0.0), -0.5, (1, 0, 0)),
-        (Capsule(0.5, 4.0), (0.0, 0.0, 2.0), -0.5, (1, 0, 0)),
-        (Capsule(0.5, 4.0), (0.0, 0.0, 2.1), -0.4, (0, 0, 1)),
-        (Capsule(0.5, 4.0), (0.0, 0.0, -3.0), 0.5, (0, 0, -1)),
-        (Capsule(0.5, 4.0), (0.0, -0.8, 1.0), 0.3, (0, -1, 0)),
-        (Capsule(0.5, 4.0), (0.6, 0.0, 2.8), 0.5, (0.6, 0, 0.8)),
-        (Plane(), (3.0, -4.0, -2.0), -2.0, (0, 0, 1)),
-    ],
-)
-def test_on_axes_in_the_middle_and_at_edges(element, point, distance, normal):
-    d, n = surface(element, point)
-    assert d == pytest.approx(distance, abs=ROUND_OFF)
-    np.testing.assert_allclose(n, normal, atol=ROUND_OFF)
-
-
 @pytest.mark.parametrize("name", FINITE)
 def test_bounds_and_thickness_fit(name):
     element, _, surface_points = KNOWN[name]

@@ -129,19 +129,6 @@ def test_a_small_buffer_of_pairs_only_takes_more_rounds():
     assert check(ci, ri, ci, ri, np.eye(3), np.array([0.2, 0, 0]), pairs_at_once=sphere_tree.WIDTH**2) > 1000
 
 
-@pytest.mark.parametrize("names", [("bunny", "armadillo"), ("pin", "pin")])
-@pytest.mark.parametrize("spheres", [10, 1000])
-def test_shipped_models_and_their_prefixes(names, spheres):
-    first, second = (load_model(name).prefix(spheres) for name in names)
-    rng = np.random.default_rng(spheres)
-    hits = 0
-    for _ in range(20):
-        R = Rotation.random(rng=rng).as_matrix()
-        t = rng.standard_normal(3) * 0.5 * first.bounding_radius
-        hits += check(first.centers, first.radii, second.centers, second.radii, R, t)
-    assert hits > 0
-
-
 @given(seeds, st.integers(1, 300))
 def test_every_bound_holds_what_it_bounds(seed, n):
     """Each sphere lies in every entry above it, and hangs in the tree exactly once."""

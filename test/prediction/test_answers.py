@@ -25,7 +25,6 @@ from unc_physics import (
     predict,
 )
 from unc_physics.prediction.rare_outcomes import tail_factor
-from unc_physics.propagators.balanced_monte_carlo import WideMonteCarlo
 from unc_physics.propagators.base import Samples, rollout_count
 from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.scene.scene_file import scene_from_dict
@@ -186,17 +185,6 @@ def test_a_picture_holds_all_outcomes_that_it_draws(pushed):
             assert left <= one and other <= right and bottom <= below and above <= top
             drawn += 1
     assert drawn > 10
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_wide_rollouts_spread_parameters_evenly(seed):
-    """Beyond 0.9 standard deviations of a normal number are 18.4 % on each side, 4.4 of 24."""
-    scene = Scene.everyday(
-        [RigidBody("can", load_model("can"))], environment=[Plane()], exact=True, friction_std=0.1
-    )
-    z = WideMonteCarlo(samples=24, seed=seed).drawn_parameters(scene, 24)[:, 0] / 2.0
-    assert 3 <= (z > 0.9).sum() <= 6 and 3 <= (z < -0.9).sum() <= 6
-    assert z.mean() == pytest.approx(0.0, abs=1e-12) and z.std() == pytest.approx(1.0)
 
 
 def test_a_rare_fall_is_flagged_or_simulated():

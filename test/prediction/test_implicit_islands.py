@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain_scenes import independent, lowest, state
 
 from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.collision.contact_search import NEAR
@@ -117,23 +118,19 @@ def test_rollouts_that_are_added_are_those_of_one_batch():
         np.testing.assert_allclose(one.belief.joint, other.belief.joint, rtol=0.0, atol=1e-9)
 
 
-def sliding(gap, speed=0.0):
+def resting(gap):
     """Two bricks beside each other on the floor."""
     brick = load_model("brick").prefix(60)
     scene = Scene.everyday(
         [RigidBody("a", brick, 1.0), RigidBody("b", brick, 1.0)], exact=True, environment=[Plane()]
     )
-    mean = np.zeros((2, 13))
-    mean[:, 9] = 1.0
-    mean[:, 2] = 1e-4 - (brick.centers[:, 2] - brick.radii).min()
-    mean[1, 0] = 2.0 * brick.bounding_radius + gap
-    mean[0, 3] = speed
-    return scene, Belief.exact(mean, scene.moving)
+    height = 1e-4 - lowest(brick)
+    return scene, independent(state((0, 0, height)), state((2.0 * brick.bounding_radius + gap, 0, height)))
 
 
 @pytest.mark.parametrize("gap, together", [(0.5 * NEAR, True), (0.1, False)])
 def test_what_the_step_computes_together_is_one_island(gap, together):
-    scene, belief = sliding(gap)
+    scene, belief = resting(gap)
     propagator = make_propagator("monte_carlo", samples=1)
     joint, divided = run_both(scene, belief, propagator, 0.2)
     assert_same(joint, divided)
@@ -149,14 +146,11 @@ def test_a_lone_body_flies_in_closed_form_as_step_by_step(damping):
     scene = Scene.everyday(
         bodies, exact=True, gyroscopic=False, damping=damping, environment=[Plane(offset=-50.0)]
     )
-    mean = np.zeros((2, 13))
-    mean[:, 9] = 1.0
-    mean[1, 0] = 50.0
-    mean[:, 3:6], mean[:, 10:] = [[1.0, 2.0, 3.0]], [[3.0, -2.0, 5.0]]
-    P = np.tile(np.diag(np.repeat([0.01, 0.05, 0.02, 0.1], 3) ** 2), (2, 1, 1))
-    divided = predict(replace(scene, islands=True), Belief(mean, P), "sigma_points", 1.0)
+    states = [state((x, 0, 0), (1, 2, 3), (3, -2, 5)) for x in (0.0, 50.0)]
+    stds = {"position": 0.01, "velocity": 0.05, "rotation": 0.02, "spin": 0.1}
+    divided = predict(replace(scene, islands=True), independent(*states, **stds), "sigma_points", 1.0)
     for k in range(2):
         own = replace(scene, bodies=bodies[k : k + 1])
-        alone = predict(own, Belief(mean[k : k + 1], P[:1]), "sigma_points", 1.0)
+        alone = predict(own, independent(states[k], **stds), "sigma_points", 1.0)
         np.testing.assert_allclose(divided.belief.mean[k], alone.belief.mean[0], rtol=0.0, atol=1e-10)
         np.testing.assert_allclose(divided.belief.blocks[k], alone.belief.blocks[0], rtol=0.0, atol=1e-10)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plain_scenes import BALL, BLOCK, G, state
+from plain_scenes import BALL, BLOCK, G, independent, state
 from scipy.stats import norm
 
 from unc_physics import (
@@ -36,13 +36,8 @@ def thrown():
     scene = Scene.everyday(
         [RigidBody("near", box, 1.0), RigidBody("edge", box, 1.0)], exact=True, environment=table
     )
-    mean = np.zeros((2, 13))
-    mean[:, 9] = 1.0
-    mean[:, :3] = [[0.0, 0.0, 0.2], [0.3, 0.2, 0.3]]
-    mean[:, 10:] = [[1.0, 0.0, 0.0], [0.0, 4.0, 1.0]]
-    P = np.zeros((2, 12, 12))
-    P[:, range(6), range(6)] = np.repeat([0.03, 0.2], 3) ** 2
-    return scene, Belief(mean, P)
+    near, edge = state((0, 0, 0.2), spin=(1, 0, 0)), state((0.3, 0.2, 0.3), spin=(0, 4, 1))
+    return scene, independent(near, edge, position=0.03, velocity=0.2)
 
 
 @pytest.mark.parametrize("horizon", [0.1, 0.25])
@@ -92,8 +87,7 @@ def test_what_was_stopped_stands(thrown):
     """The other one flies on, and may touch it."""
     scene, _ = thrown
     scene = predict(scene, thrown[1], "sigma_points", scene.dt).scene
-    mean = thrown[1].mean.copy()
-    mean[:, :3], mean[:, 3:] = [[0.0, 0.0, 0.15], [0.0, 0.0, 0.6]], [0, 0, 0, 0, 0, 0, 1, 0, 0, 0]
+    mean = [state((0, 0, 0.15)), state((0, 0, 0.6))]
     still, flights = first_contacts(scene, Belief.exact(mean), [whole(60, scene.dt), whole(240, scene.dt)], 1)
     table, other = flights.first_contacts[0, 0, 2], flights.first_contacts[0, 0, 1]
     assert 0.0 < table < other < 0.4  # the lower one, then the upper one on it

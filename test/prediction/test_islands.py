@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from example_scenes import two_bodies
+from plain_scenes import independent, state
 
 from unc_physics import PROPAGATORS, Belief, Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.prediction.islands import IslandRunner
@@ -176,14 +177,10 @@ def scattered(count, touching=()):
     """Bodies far from each other, but for those that follow one ahead of them closely."""
     pin = load_model("pin").prefix(10)
     scene = Scene([RigidBody(f"pin{k}", pin, 1.0) for k in range(count)], islands=True)
-    mean = np.zeros((count, 13))
-    mean[:, 9] = 1.0
-    mean[:, 0] = 10.0 * np.arange(count)
+    x = 10.0 * np.arange(count)
     for k in touching:
-        mean[k, 0] = mean[k - 1, 0] + 0.9 * pin.bounding_radius
-    P = np.zeros((count, 12, 12))
-    P[:, range(3), range(3)] = 1e-4
-    return scene, Belief(mean, P)
+        x[k] = x[k - 1] + 0.9 * pin.bounding_radius
+    return scene, independent(*(state((own, 0, 0)) for own in x), position=0.01)
 
 
 def states_of(carry):
@@ -209,9 +206,8 @@ def test_shared_parameters_keep_all_bodies_together_also_in_additional_rollouts(
     bodies = [RigidBody(name, pin, mass=1.0) for name in ("a", "b")]
     scene = Scene.everyday(bodies, environment=[Plane()], islands=True)
     assert scene.shared_parameters
-    mean = np.zeros((2, 13))
-    mean[:, 9], mean[:, 2], mean[1, 0] = 1.0, 0.3, 1.0
-    belief = Belief(mean, np.stack([1e-4 * np.eye(12)] * 2))
+    stds = dict.fromkeys(("position", "velocity", "rotation", "spin"), 0.01)
+    belief = independent(state((0, 0, 0.3)), state((1, 0, 0.3)), **stds)
     auto = predict(scene, belief, make_propagator("auto", error=1e-3, runs=80), 0.05)
     cloud = predict(replace(scene, islands=False), belief, make_propagator("cloud", runs=80), 0.05)
     assert auto.snapshots[-1].rollout_states.shape[0] == 80

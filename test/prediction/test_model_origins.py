@@ -19,17 +19,10 @@ from unc_physics.prediction.body_status import Status
 from unc_physics.propagators.base import Samples
 from unc_physics.scene.origins import gaussian_at_origins, states_at_origins
 from unc_physics.scene.parameters import moved_along
-from unc_physics.spatial.moments import mean_and_errors, second_moment
 
 BOX, MUG = load_model("salt_box"), load_model("mug")
 DRAWS = 100_000
 STDS = (0.05, 0.3, 0.8, 1.5)  # rad
-
-
-def mapped(states, origins, moving):
-    """Mean (B, 13) and covariance (12 M, 12 M) of states (N, B, 13), each moved to the bodies' origins."""
-    mean, errors = mean_and_errors(moved_along(states, np.asarray(origins)[None]), moving.copy())
-    return mean, second_moment(errors)
 
 
 def correlated_belief(rotation_std, bodies=2, seed=3):
@@ -72,19 +65,6 @@ def test_a_gaussian_at_origins_against_drawn_states(rotation_std):
     # between bodies the mean derivative is exact for Gaussians, up to products of two nonlinear parts
     assert np.abs((found.joint - P)[:12, 12:] / np.outer(own, own)[:12, 12:]).max() < 0.06
     assert np.linalg.eigvalsh(found.joint)[0] > -1e-9
-
-
-@pytest.mark.parametrize("rotation_std", STDS)
-def test_equally_probable_states_are_mapped_one_by_one(rotation_std):
-    belief = correlated_belief(rotation_std)
-    states = belief.sample(500, np.random.default_rng(1))
-    mean, errors = mean_and_errors(states, belief.moving.copy())
-    of_states = Belief(mean, second_moment(errors))
-    origins = np.array([[0.1, -0.2, 0.05], [0.0, 0.3, 0.1]])
-    found = states_at_origins(of_states, states, origins)
-    expected, P = mapped(states, origins, belief.moving)
-    np.testing.assert_allclose(found.mean, expected, atol=1e-9)
-    np.testing.assert_allclose(found.joint, P, atol=1e-9)
 
 
 def test_an_exact_belief_is_moved():

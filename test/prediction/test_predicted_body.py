@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from example_scenes import two_bodies
 
 from unc_physics import (
     AtRest,
@@ -15,12 +14,10 @@ from unc_physics import (
     Scene,
     Touches,
     UncPhysicsError,
-    assess,
     load_model,
     make_propagator,
     predict,
 )
-from unc_physics.scene.scene_file import scene_from_dict
 from unc_physics.spatial.rotation import rotation_matrix
 
 ROUND_OFF = 1e-12
@@ -118,17 +115,6 @@ def test_trajectories_hold_each_time(tumbling):
         np.testing.assert_array_equal(way.position_stds[k], body.position_std)
         np.testing.assert_array_equal(way.rotation_stds[k], body.rotation_std)
     assert way.covariances.shape == (2, 12, 12)
-
-
-def test_answers_are_those_of_the_whole_prediction():
-    scene, belief, _ = scene_from_dict(two_bodies())
-    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=300, seed=1), 2.0)
-    left, right = prediction.bodies
-    assert (left.name, right.name) == ("left", "right")
-    assert (left.status(), right.status()) == assess(prediction)
-    (mode,) = left.modes
-    np.testing.assert_array_equal(mode.mean, prediction.belief.mean[0])
-    np.testing.assert_array_equal(mode.covariance, prediction.belief.marginal(0))
 
 
 @pytest.mark.parametrize(

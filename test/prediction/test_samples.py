@@ -98,11 +98,6 @@ def test_the_command_adds_samples_to_each_body(file, capsys, loaded):
     assert answer["physics"]["integrator"] == "explicit" and answer["physics"]["gravity"] == [0.3, 0.0, -5.0]
 
 
-def test_without_them_there_are_none(file, capsys):
-    assert main(["predict", file, "--horizon", str(HORIZON), "--json"]) == 0
-    assert all("samples" not in body for body in json.loads(capsys.readouterr().out)["bodies"])
-
-
 def test_the_table_says_which_physics(file, capsys):
     assert main(["predict", file, "--horizon", str(HORIZON), *POINTS]) == 0
     first = capsys.readouterr().out.splitlines()[0]

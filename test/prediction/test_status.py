@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from example_scenes import two_bodies
-from plain_scenes import BALL, BLOCK, G, lowest, state
+from plain_scenes import BALL, BLOCK, G, independent, lowest, state, turned
 from twins.states import boxminus
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
@@ -28,23 +28,17 @@ NOMINAL = ("linearization", "surrogate", "local_sampling")
 
 
 def balls(*positions, velocity=(0, 0, 0), std=0.001):
-    mean = np.zeros((len(positions), 13))
-    mean[:, :3], mean[:, 9] = positions, 1.0
-    mean[0, 3:6] = velocity
-    P = np.zeros((len(positions), 12, 12))
-    P[:, range(3), range(3)] = std**2
-    return Belief(mean, P)
+    first, *others = positions
+    return independent(state(first, velocity), *map(state, others), position=std)
 
 
 def brick_on_a_floor(height, velocity, position_std, rotation_std, velocity_std, **physics):
     """A brick with its lowest point at a height above the floor."""
     brick = load_model("brick").prefix(500)
     scene = Scene.everyday([RigidBody("brick", brick, 0.4)], exact=True, environment=[Plane()], **physics)
-    mean, P = np.zeros((1, 13)), np.zeros((1, 12, 12))
-    mean[0, 2] = height - (brick.centers[:, 2] - brick.radii).min()
-    mean[0, 3:6], mean[0, 9] = velocity, 1.0
-    P[0, range(9), range(9)] = np.repeat([position_std, velocity_std, rotation_std], 3) ** 2
-    return scene, Belief(mean, P)
+    start = state((0, 0, height - lowest(brick)), velocity)
+    stds = {"position": position_std, "velocity": velocity_std, "rotation": rotation_std}
+    return scene, independent(start, **stds)
 
 
 def statuses(scene, belief, name, horizon):
@@ -87,11 +81,8 @@ def test_points_whose_mean_lies_inside_something_are_not_fine():
     """A ball that falls to either side of a wall's top is in the wall on average."""
     wall = Box((0.02, 1.0, 1.0), (0.0, 0.0, -0.5), name="wall")
     scene = Scene.everyday([RigidBody("a", BALL, 1.0)], exact=True, environment=[wall], restitution=0.0)
-    mean = np.zeros((1, 13))
-    mean[0, 2], mean[0, 9] = 0.055, 1.0
-    P = np.zeros((1, 12, 12))
-    P[0, 0, 0] = 0.02**2
-    (status,) = assess(predict(scene, Belief(mean, P), "sigma_points", 0.5))
+    belief = independent(state((0, 0, 0.055)), position=(0.02, 0, 0))
+    (status,) = assess(predict(scene, belief, "sigma_points", 0.5))
     assert status.measures["mean_penetration"] > 5.0
     assert status.flags & Status.MEAN_NOT_POSSIBLE
 
@@ -99,13 +90,11 @@ def test_points_whose_mean_lies_inside_something_are_not_fine():
 def test_the_sampling_error_of_a_mean_pose_is_no_penetration():
     """That of N independent samples of one coordinate: its standard deviation over the root of N."""
     scene = Scene.everyday([RigidBody("a", BALL, 1.0)], environment=[Plane()], gravity=(0, 0, 0))
-    mean, P, std = np.zeros((1, 13)), np.zeros((1, 12, 12)), 0.01
-    mean[0, 2], mean[0, 9] = 0.5, 1.0
-    P[0, range(3), range(3)] = std**2
-    found, xs = [], []
+    std, found, xs = 0.01, [], []
+    belief = balls((0, 0, 0.5), std=std)
     for seed in range(40):
         propagator = make_propagator("monte_carlo", samples=25, seed=seed)
-        prediction = predict(scene, Belief(mean, P), propagator, 0.01)
+        prediction = predict(scene, belief, propagator, 0.01)
         evidence = Evidence.of(prediction, initial_diagnostics(prediction), prediction.at())
         found.append(mean_pose_errors(evidence)[0])
         xs.append(prediction.belief.mean[0, 0])
@@ -164,12 +153,10 @@ def test_points_that_turn_by_half_a_turn_are_compared_with_rollouts():
         integrator="implicit",
         environment=[Plane()],
     )
-    mean = balls((0, 0, 0.05), velocity=(1, 0, 0)).mean.copy()
-    mean[0, 11] = 20.0
-    P = np.zeros((1, 12, 12))
-    P[0, range(2), range(2)], P[0, range(3, 5), range(3, 5)] = 0.01**2, 0.05**2
+    rolling = state((0, 0, 0.05), (1, 0, 0), (0, 20, 0))
+    belief = independent(rolling, position=(0.01, 0.01, 0), velocity=(0.05, 0.05, 0))
     for horizon, wrong in ((0.5, False), (3.0, True)):
-        (status,) = statuses(scene, Belief(mean, P), "sigma_points", horizon)
+        (status,) = statuses(scene, belief, "sigma_points", horizon)
         assert status.measures["unevenness"] < 1.05
         assert ("spread_disagreement" in status.measures) == wrong
         assert status.flags == (Status.OUTSIDE_VALIDITY if wrong else Status.FINE)
@@ -180,12 +167,9 @@ def test_points_that_turn_by_half_a_turn_are_compared_with_rollouts():
 def test_what_lies_far_inside_something_is_named(name, at_rest):
     scene, belief = stack(1.0)
     scene = replace(scene, bodies=[replace(scene.bodies[0], at_rest=at_rest)])
-    P = belief.covariance.copy()
-    P[0, range(3), range(3)] = 0.002**2
     for depth, named in ((0.02, True), (0.002, False)):
-        mean = belief.mean.copy()
-        mean[0, 2] -= depth
-        (status,) = statuses(scene, Belief(mean, P), name, 0.1)
+        inside = independent(belief.mean[0] - depth * np.eye(13)[2], position=0.002)
+        (status,) = statuses(scene, inside, name, 0.1)
         assert bool(status.flags & Status.INITIAL_OVERLAP) == named
 
 
@@ -232,14 +216,6 @@ def test_a_ball_that_the_floor_cannot_stop_is_not_converged():
     assert status.flags & Status.NOT_CONVERGED and status.measures["impact_over_capacity"] > 1.0
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_coincident_centres_overlap(name):
-    scene = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0)], dt=1e-3, stiffness=1e4)
-    found = statuses(scene, balls((0, 0, 0), (0, 0, 0)), name, 0.01)
-    assert all(status.measures["initial_overlap"] == pytest.approx(2.0) for status in found)
-    assert all(status.measures["energy_gain"] < 0.02 for status in found if "energy_gain" in status.measures)
-
-
 def test_energy_that_a_long_step_gains_is_named():
     scene = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0)], dt=0.01, stiffness=1e8)
     belief = balls((0, 0, 0), (0.15, 0, 0), velocity=(1, 0, 0), std=0.0)
@@ -276,13 +252,10 @@ def test_without_rollouts_a_spread_after_contact_is_unchecked(name):
 
 
 def test_rotation_beyond_a_gaussian_is_outside_validity():
-    belief = balls((0, 0, 0))
-    P = belief.covariance.copy()
-    P[0, range(9, 12), range(9, 12)] = 1.0
-    (status,) = statuses(Scene([RigidBody("a", BALL, 1.0)]), Belief(belief.mean, P), "linearization", 3.0)
-    assert status.flags == Status.OUTSIDE_VALIDITY and status.measures["rotation_std"] == pytest.approx(
-        3.0, rel=0.01
-    )
+    belief = independent(state(), position=1e-3, spin=1.0)
+    (status,) = statuses(Scene([RigidBody("a", BALL, 1.0)]), belief, "linearization", 3.0)
+    assert status.flags == Status.OUTSIDE_VALIDITY
+    assert status.measures["rotation_std"] == pytest.approx(3.0, rel=0.01)
 
 
 def test_fixed_bodies_have_no_measures():
@@ -396,10 +369,8 @@ def test_too_few_spheres_for_the_shape_are_flagged(count, std, flagged):
     bunny = load_model("bunny").prefix(count)
     assert bunny.extent_loss is not None
     scene = Scene.everyday([RigidBody("bunny", bunny)], exact=True, environment=[Plane()])
-    mean, P = np.zeros((1, 13)), np.zeros((1, 12, 12))
-    mean[0, 2], mean[0, 9] = 0.001 - (bunny.centers[:, 2] - bunny.radii).min(), 1.0
-    P[0, range(2), range(2)] = std**2
-    (status,) = statuses(scene, Belief(mean, P), "monte_carlo", 0.1)
+    belief = independent(state((0, 0, 0.001 - lowest(bunny))), position=(std, std, 0))
+    (status,) = statuses(scene, belief, "monte_carlo", 0.1)
     assert bool("too few spheres for its shape" in status.message) is flagged
     assert ("extent_loss" in status.measures) and (count == 7000) is (bunny.extent_loss <= 0.001)
 
@@ -410,11 +381,10 @@ def test_a_can_of_few_spheres_rolls_as_one_of_many():
     for count in (50, 100, 300):
         can = load_model("can").prefix(count)
         scene = Scene.everyday([RigidBody("can", can)], exact=True, environment=[Plane()])
-        mean, P = np.zeros((1, 13)), np.zeros((1, 12, 12))
-        mean[0, 6:10] = 0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5)  # it lies on its side
-        mean[0, 2] = 1e-4 + np.max(can.radii + can.centers[:, 0])
-        P[0, range(3, 5), range(3, 5)] = 0.1**2
-        prediction = predict(scene, Belief(mean, P), make_propagator("monte_carlo", samples=240), 1.0)
+        height = 1e-4 + np.max(can.radii + can.centers[:, 0])
+        on_its_side = state((0, 0, height), orientation=turned(0, 0.5 * np.pi, 0))
+        belief = independent(on_its_side, velocity=(0.1, 0.1, 0))
+        prediction = predict(scene, belief, make_propagator("monte_carlo", samples=240), 1.0)
         (status,) = assess(prediction)
         spreads[count] = pose_spreads(prediction.belief.blocks)[0, 0]
         assert status.measures["sink"] == can.sink and "sink" not in status.message

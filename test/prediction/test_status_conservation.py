@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plain_scenes import BALL, BLOCK, G, energy, lowest, packing, state
+from plain_scenes import BALL, BLOCK, G, energy, independent, lowest, packing, state
 
 from unc_physics import Belief, PosePath, RigidBody, Scene, Status, load_model, make_propagator, predict
 from unc_physics.prediction.status import assess, assess_all
@@ -176,11 +176,8 @@ def elastic(bodies, below=FLOOR, **physics):
 def test_what_bounces_elastically_loses_no_energy(model, name):
     """Whether it is at the top of its path or at the bottom."""
     scene = elastic([RigidBody("a", model, 0.3)])
-    P = np.zeros((1, 12, 12))
     options = {"samples": 1} if name == "monte_carlo" else {}
-    if not options:
-        P[0, range(3), range(3)] = 0.002**2
-    belief = Belief(state((0, 0, 0.3), orientation=TILTED)[None], P)
+    belief = independent(state((0, 0, 0.3), orientation=TILTED), position=0.0 if options else 0.002)
     times = np.arange(72, 720, 24) / 240
     prediction = predict(scene, belief, make_propagator(name, **options), 3.0, times=times)
     for (status,) in assess_all(prediction):

@@ -3,11 +3,10 @@
 import json
 import re
 
-import numpy as np
 import pytest
-from plain_scenes import BALL, state
+from plain_scenes import BALL, independent, state
 
-from unc_physics import Belief, Plane, RigidBody, Scene, make_propagator, predict
+from unc_physics import Plane, RigidBody, Scene, make_propagator, predict
 from unc_physics.prediction.tables import FEW_LINES
 
 
@@ -57,10 +56,8 @@ def test_a_spread_beyond_the_scene_has_a_reason_in_place_of_a_pose():
         environment=walls,
         gravity=(0, 0, 0),
     )
-    mean = np.array([state((0.5, 0.1, 0), (1.0, 0.3, 0)), state((-0.5, 0, 0), (-0.7, 0.4, 0))])
-    P = np.zeros((2, 12, 12))
-    P[:, range(3), range(3)] = 1e-4
-    belief = Belief(mean, P)
+    states = state((0.5, 0.1, 0), (1.0, 0.3, 0)), state((-0.5, 0, 0), (-0.7, 0.4, 0))
+    belief = independent(*states, position=0.01)
     text = str(predict(scene, belief, "linearization", 60.0))
     assert re.search(
         r"^a +no pose: the standard deviation of \S+ m exceeds the size of the scene, \d", text, re.MULTILINE

@@ -4,27 +4,23 @@ import time
 
 import numpy as np
 import pytest
+from plain_scenes import independent, state
 
-from unc_physics import Belief, Plane, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics import Plane, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.checks.errors import PredictionTimeoutError
-from unc_physics.compiler.compile_time import clock
-from unc_physics.compiler.time_limit import TimeLimit
-from unc_physics.prediction.compute_budget import ComputeBudget
 from unc_physics.propagators import rollouts
 
 ALLOWED = 0.3  # s
 FAR = 1000.0  # s, a horizon that no machine reaches in that time
 
 
-def bricks(count, spheres, apart, speed=0.0, **physics):
+def bricks(count, spheres, apart, **physics):
     """Bricks one in another, whose steps take as long as their spheres are many."""
     brick = load_model("brick").prefix(spheres)
     bodies = [RigidBody(f"brick{k}", brick, 0.5) for k in range(count)]
-    mean = np.zeros((count, 13))
-    mean[:, 0], mean[:, 2], mean[:, 9] = apart * np.arange(count), 0.2, 1.0
-    mean[:, 5] = speed
+    states = [state((apart * k, 0, 0.2)) for k in range(count)]
     scene = Scene.everyday(bodies, exact=True, environment=[Plane()], **physics)
-    return scene, Belief(mean, np.tile(1e-4 * np.eye(12), (count, 1, 1)))
+    return scene, independent(*states, position=0.01, velocity=0.01, rotation=0.01, spin=0.01)
 
 
 @pytest.mark.parametrize("overlap", ["project", "keep"])
@@ -64,19 +60,6 @@ def test_a_limit_that_is_not_reached_changes_nothing():
     within = predict(scene, belief, "sigma_points", 0.3, max_computation_time=1e3)
     np.testing.assert_array_equal(free.belief.mean, within.belief.mean)
     np.testing.assert_array_equal(free.belief.covariance, within.belief.covariance)
-
-
-def test_pieces_grow_with_what_was_spent_or_is_allowed_where_kernels_end_in_time():
-    """A long prediction has few; where only the pieces' ends keep the time, they stay short."""
-    scene, _ = bricks(1, 10, 0.0)
-    ends = [
-        ComputeBudget(allowed, clock() - 2.0, limit).next_piece(100, 0.1, scene)
-        for allowed, limit in ((None, None), (3.0, TimeLimit()), (3.0, None))
-    ]
-    assert ends == [250, 250, 20]
-    assert ComputeBudget(None, clock(), None).next_piece(100, 0.1, scene) == 250  # nothing ends it
-    assert ComputeBudget(2.0, clock(), TimeLimit()).next_piece(100, 0.1, scene) == 100  # a twentieth
-    assert ComputeBudget(0.1, clock(), TimeLimit()).next_piece(100, 0.1, scene) == 20
 
 
 def test_uncertain_parameters_are_predicted_in_few_pieces_that_are_looked_after(monkeypatch):

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from unc_physics import Belief, assess, make_propagator, predict
-from unc_physics.dynamics import contact_history as histories
 from unc_physics.propagators.auto import Auto
 from unc_physics.propagators.base import Spent, rollout_count
 from unc_physics.propagators.emission import Group, Moments
 from unc_physics.propagators.standard_errors import _wrapping, standard_errors
-from unc_physics.scene.stiffness import with_stiffness
 from unc_physics.spatial.moments import mean_and_errors, spread_states
 
 NONE = np.empty(0)  # no probabilities are asked for
@@ -22,9 +20,10 @@ def answered(scene, belief, horizon=1.5, **options):
     return predict(scene, belief, make_propagator("auto", **options), horizon, times=[0.5])
 
 
-def test_it_is_the_cloud_of_as_many_rollouts(loaded):
+@pytest.mark.parametrize("scene_name", ["two_bodies", "everyday"])
+def test_it_is_the_cloud_of_as_many_rollouts(loaded, scene_name):
     """Batches that are simulated one after the other are the same rollouts as all at once, at all times."""
-    scene, belief, _ = loaded("two_bodies")
+    scene, belief, _ = loaded(scene_name)
     found = answered(scene, belief, error=0.0, runs=50, seed=3)
     cloud = predict(scene, belief, make_propagator("cloud", runs=50, seed=3), 1.5, times=[0.5])
     assert len(found.carry.contact_history.first_time) == 50
@@ -187,17 +186,3 @@ def test_a_mean_of_rotations_in_all_directions_is_less_sure(loaded):
         actual = np.sqrt(np.mean(np.square(means))) / (np.sqrt(3.0) * spread / np.sqrt(count))
         assert least <= np.median(of) <= most
         assert 0.4 * actual < np.median(of) < 2.5 * actual
-
-
-@pytest.mark.parametrize("scene_name", ["two_bodies", "everyday"])
-def test_histories_of_batches_are_those_of_all(loaded, scene_name):
-    scene, belief, _ = loaded(scene_name)
-    scene = with_stiffness(scene, belief.mean)
-    cloud = make_propagator("cloud", runs=20)
-    carries = [cloud.init_rollouts(scene, belief, *part) for part in ((0, 12), (12, 20), (0, 20))]
-    first, second, whole = (cloud.advance(carry, scene, 20).contact_history for carry in carries)
-    both = histories.stacked(first, second)
-    np.testing.assert_array_equal(both.first_time, whole.first_time)
-    for part, other in zip(both[1:], whole[1:], strict=True):
-        for one, two in zip(part or (), other or (), strict=True):
-            np.testing.assert_array_equal(one, two)

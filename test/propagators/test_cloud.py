@@ -11,7 +11,7 @@ from scipy.stats import norm, qmc
 from unc_physics import Belief, Plane, Scene, Touches, make_propagator, predict
 from unc_physics.prediction.status import assess
 from unc_physics.propagators import displacements, emission, response_surface, sobol
-from unc_physics.propagators.reduction import common_covariance, reduction
+from unc_physics.propagators.reduction import reduction
 from unc_physics.spatial.moments import symmetric_root
 
 # -- points ------------------------------------------------------------------------------------------
@@ -64,20 +64,6 @@ def test_reduction_splits_a_belief_into_what_matters_and_what_all_share():
     assert found.relative[8].any() and not found.common[8].any(), "a parameter is no motion"
 
 
-@pytest.mark.parametrize("name, options", [("sigma_points", {}), ("monte_carlo", {"samples": 4000})])
-def test_reduced_methods_answer_the_same(loaded, name, options):
-    scene, belief, _ = loaded("two_bodies")
-    plain, reduced = (
-        predict(scene, belief, make_propagator(name, **options, reduce=reduce), 1.2).belief
-        for reduce in (False, True)
-    )
-    std = np.sqrt(np.diagonal(plain.joint))
-    tolerance = 0.15 if name == "monte_carlo" else 0.6  # points lie elsewhere
-    assert np.abs((reduced.mean - plain.mean)[:, :6]).max() < tolerance * std.max()
-    ratio = np.sqrt(np.diagonal(reduced.joint)) / np.maximum(std, 1e-9)
-    assert (np.abs(np.log(ratio)) < tolerance).all()
-
-
 def test_reduced_points_are_fewer_and_exact_in_free_flight(loaded):
     scene, belief, _ = loaded("two_bodies")
     points = make_propagator("sigma_points", reduce=True)
@@ -87,16 +73,6 @@ def test_reduced_points_are_fewer_and_exact_in_free_flight(loaded):
     far = Belief(belief.mean + 100.0 * np.eye(2, 13), belief.covariance)
     after, exact = (predict(scene, far, method, 1.0).belief.joint for method in (points, "linearization"))
     np.testing.assert_allclose(after, exact, atol=1e-3 * exact.max())
-
-
-def test_what_all_share_is_seen_by_every_pair(loaded):
-    scene, _, _ = loaded("two_bodies")
-    motion = np.diag([0.1, 0.2, 0.3, 0.1, 0.1, 0.1])
-    from unc_physics.propagators.free_flight import course_of
-
-    P = common_covariance(motion, course_of(scene.world, 0), 2).reshape(2, 12, 2, 12)
-    np.testing.assert_allclose(P[0, :6, 1, :6], motion**2)
-    np.testing.assert_array_equal(P[0, :, 0], P[1, :, 1])
 
 
 # -- the surface -------------------------------------------------------------------------------------

@@ -48,16 +48,6 @@ def blocks(P):
     return np.stack([P[:12, :12], P[12:, 12:]])
 
 
-def test_the_scenes_have_contacts(overlapping):
-    scene, mean, _ = overlapping
-    assert (
-        len(
-            list(twin.all_contacts(twin.drifted(mean, bodies_of(scene), physics_of(scene)), bodies_of(scene)))
-        )
-        >= 1
-    )
-
-
 def test_linearization(overlapping):
     scene, mean, P = overlapping
     propagator = make_propagator("linearization")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plain_scenes import BALL
+from plain_scenes import BALL, independent, state
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.geometry.packing_file import SpherePacking
@@ -15,7 +15,6 @@ from unc_physics.spatial.layout import (
     ERR_POSITION,
     ERR_ROTATION,
     ERR_VELOCITY,
-    POSITION,
     QUATERNION,
     VELOCITY,
 )
@@ -35,12 +34,8 @@ SLAB = SpherePacking(
 
 
 def belief(states, position=0.002, velocity=0.0, rotation=0.0):
-    mean = np.zeros((len(states), 13))
-    mean[:, 9] = 1.0
-    for k, (p, v) in enumerate(states):
-        mean[k, POSITION], mean[k, VELOCITY] = p, v
-    std = np.repeat([position, velocity, rotation, 0.0], 3)
-    return Belief(mean, np.tile(np.diag(std**2), (len(states), 1, 1)))
+    states = [state(p, v) for p, v in states]
+    return independent(*states, position=position, velocity=velocity, rotation=rotation)
 
 
 def spreads(prediction):

@@ -190,15 +190,6 @@ def test_persistent_state_is_as_large_as_in_table_3(loaded, name, options, scala
     assert size == scalars
 
 
-@pytest.mark.parametrize("name, options, scalars", TABLE_3[3:], ids=[row[0] for row in TABLE_3[3:]])
-def test_what_the_implicit_step_remembers_is_no_part_of_table_3(loaded, name, options, scalars):
-    scene, belief, _ = loaded("everyday")
-    scene, propagator = with_stiffness(scene, belief.mean), make_propagator(name, **options)
-    carry = propagator.advance(propagator.init(scene, belief), scene, 60)
-    assert sum(part.size for part in arrays(carry)) == scalars
-    assert carry.contact_history.solver.contact.size > scalars
-
-
 # -- free flight -----------------------------------------------------------------------------------
 
 STEPS, DT, DAMPING = 50, 0.02, 0.7
@@ -336,19 +327,6 @@ def test_uncertain_spin_of_a_spinning_body(loaded, propagator):
     np.testing.assert_allclose(after.joint, expected, atol=tolerance * np.abs(expected).max())
 
 
-def test_large_uncertain_spin_by_monte_carlo_is_right_to_second_order(loaded):
-    """About one axis turns add up, however large they are, and the covariance is that of the closed form."""
-    scene, mean = free_scene(loaded)
-    P = np.zeros((2, 12, 12))
-    P[:, 9, 9] = 0.4**2  # about world x; the mean does not spin
-    propagator = make_propagator("monte_carlo", samples=2000)
-    before, after = advanced(propagator, scene, Belief(mean, P))
-    A = transition(mean)
-    # also of the mean, which the draws shift a little
-    expected = A @ before.joint @ A.T
-    np.testing.assert_allclose(after.joint, expected, atol=1e-3 * np.abs(expected).max())
-
-
 # -- equivariance ----------------------------------------------------------------------------------
 
 
@@ -384,23 +362,6 @@ def test_a_change_of_frame_changes_only_the_frame(loaded, name, scene_name):
     _, other = advanced(propagator, turned, moved_belief(belief, Q, t), 60)
     ROUND_OFF_GROWN_BY_COLLISIONS = 1e-7
     assert_same_belief(moved_belief(after, Q, t), other, ROUND_OFF_GROWN_BY_COLLISIONS)
-
-
-@pytest.mark.parametrize("name", NOMINAL_EQUIVARIANT)
-def test_swapping_the_bodies_changes_only_their_order(loaded, name):
-    scene, belief, _ = loaded("two_bodies")
-    swapped = Scene(scene.bodies[::-1], scene.dt, scene.stiffness, scene.damping)
-    propagator = make_propagator(name)
-    _, after = advanced(propagator, scene, belief, 60)
-    _, other = advanced(propagator, swapped, Belief(belief.mean[::-1], belief.blocks[::-1]), 60)
-    order = np.r_[12:24, 0:12]
-    ROUND_OFF_GROWN_BY_COLLISIONS = 1e-7
-    np.testing.assert_allclose(
-        twin.boxminus(after.mean[::-1], other.mean), 0.0, atol=ROUND_OFF_GROWN_BY_COLLISIONS
-    )
-    np.testing.assert_allclose(
-        after.joint[np.ix_(order, order)], other.joint, atol=ROUND_OFF_GROWN_BY_COLLISIONS
-    )
 
 
 @every_propagator

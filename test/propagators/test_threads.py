@@ -81,14 +81,6 @@ def test_what_a_part_raises_ends_the_work_when_nobody_is_at_it_any_more():
     assert len(ended) == len(begun) < 16
 
 
-def test_fewer_samples_are_the_first_of_more(loaded):
-    scene, belief, _ = loaded("two_bodies")
-    many = predict(scene, belief, make_propagator("monte_carlo", samples=20, seed=4), 0.8).carry.states
-    for count in (1, 7):
-        few = predict(scene, belief, make_propagator("monte_carlo", samples=count, seed=4), 0.8).carry.states
-        np.testing.assert_array_equal(few, many[:count])
-
-
 def test_predictions_at_once_in_several_threads(loaded):
     """Callers of a node's service may come together."""
     scene, belief, _ = loaded("two_bodies")
