@@ -4,7 +4,6 @@ from functools import cache
 
 import pytest
 
-from unc_physics.checks.errors import InvalidOptionError
 from unc_physics_evaluation.experiments import NAMES, experiment
 from unc_physics_evaluation.jobs import Job, Row, Settings
 from unc_physics_evaluation.results import ORIGIN
@@ -39,10 +38,3 @@ def test_another_seed_is_another_sweep(name):
 def test_seeds_stay_the_same_for_ever():
     """They are part of published results: neither the process nor the order of jobs may change them."""
     assert Job("collisions", {"model": "bunny", "sigma": 0.05}).seed("truth") == 3600630892
-
-
-def test_an_unknown_experiment_is_refused():
-    with pytest.raises(
-        InvalidOptionError, match=r"experiment must be one of collision_free, .* \(got 'colision_free'\)"
-    ):
-        experiment("colision_free")

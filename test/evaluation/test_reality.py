@@ -12,7 +12,6 @@ from unc_physics import UncPhysicsError
 from unc_physics.calibration.calibrate import Fit
 from unc_physics_evaluation.experiments import reality as experiment
 from unc_physics_evaluation.jobs import Settings
-from unc_physics_evaluation.marginal import marginal_prediction, still_prediction
 from unc_physics_evaluation.methods import MARGINAL, OURS, STILL
 from unc_physics_evaluation.polyhedron import Polyhedron, box, face_normals, lowest_face
 from unc_physics_evaluation.reality_report import above, binomial_interval, lines
@@ -96,17 +95,6 @@ def test_the_lowest_face():
     assert lowest_face(states, normals).tolist() == list(range(6))
 
 
-def test_outcomes_of_others_start_where_the_motion_does():
-    own = SETS["cube tosses"]
-    one, *others = own.recorded(own.scene, range(6))
-    for states, pose in zip(marginal_prediction(one, [one]), one.poses, strict=True):
-        np.testing.assert_allclose(states[0, :3], pose[:3])
-        assert abs(states[0, 6:10] @ pose[3:]) == pytest.approx(1.0)
-    assert [len(states) for states in marginal_prediction(one, others)] == [5] * len(one.times)
-    for states in still_prediction(one):
-        np.testing.assert_allclose(states, one.start.state[None])
-
-
 def test_binomial_intervals():
     """Clopper and Pearson: the tails of both bounds are 2.5 %."""
     low, high = binomial_interval(7, 11)
@@ -156,19 +144,6 @@ def _in_90(line):
     """Number of positions in regions of 90 %."""
     ranks = [line.values[f"{experiment.POSITION_RANK} {when}"].values() for when in experiment.TIMES]
     return sum(rank <= 0.9 for own in ranks for rank in own)
-
-
-def test_a_packed_cube_lacks_its_corners():
-    """Inside the cube, on all faces, with the cube's mass properties."""
-    solid = box("cube", [0.1, 0.1, 0.1])
-    cut = []
-    for count in (100, 300):
-        packing = solid.packed(count)
-        reach = np.abs(packing.centers) + packing.radii[:, None]
-        assert reach.max() == pytest.approx(0.05, rel=1e-3)
-        assert packing.inertia == pytest.approx(solid.inertia, rel=1e-6)
-        cut.append(0.05 * 3**0.5 - np.max(np.linalg.norm(packing.centers, axis=1) + packing.radii))
-    assert 0.002 < cut[1] < cut[0] < 0.02
 
 
 def test_pushes_by_ours_and_without_physics(monkeypatch):

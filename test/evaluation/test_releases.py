@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from unc_physics_evaluation.experiments import releases as experiment
-from unc_physics_evaluation.jobs import Outcome, Row, Settings
-from unc_physics_evaluation.results import Results
 
 
 @pytest.mark.parametrize("model", experiment.MODELS)
@@ -39,17 +37,3 @@ def test_a_region_holds_what_lies_within_it():
     for region in (experiment.ELLIPSOID, experiment.SAMPLES):
         share = np.mean([experiment.held(state, point)[region] for point in points])
         assert share == pytest.approx(0.9, abs=0.04)
-
-
-def test_shares_have_their_binomial_intervals(tmp_path):
-    results = Results(tmp_path)
-    for job in experiment.jobs(Settings()):
-        rows = [
-            Row(by, region, "1", float(k % 10 != 0 or by == experiment.MUJOCO), None, k, k)
-            for by in (experiment.OWN, experiment.MUJOCO)
-            for region in (experiment.ELLIPSOID, experiment.SAMPLES)
-            for k in range(50)
-        ]
-        results.add(job, Outcome(rows), {"versions": "", "machine": ""})
-    assert experiment.verdict(results) == "4 of 8 binomial intervals hold 90 %"
-    assert experiment.report(results).count("78 to 97") == 4  # Clopper and Pearson, 45 of 50

@@ -47,13 +47,6 @@ def test_rows_are_in_one_order(tmp_path):
     ]
 
 
-def test_only_missing_jobs_are_left(tmp_path):
-    results, jobs = Results(tmp_path), [job(s) for s in (0.01, 0.02, 0.03)]
-    assert results.missing(jobs) == jobs
-    results.add(jobs[1], outcome(3), ORIGIN)
-    assert results.missing(jobs) == [jobs[0], jobs[2]]
-
-
 def test_a_file_cut_off_anywhere_loses_at_most_its_last_job(tmp_path):
     """Whatever the interruption left, the file can be added to and holds whole jobs only."""
     results, jobs = Results(tmp_path), [job(0.01), job(0.02)]

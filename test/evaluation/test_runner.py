@@ -73,24 +73,6 @@ def test_a_pool_gives_the_same(in_this_process, in_a_pool):
     assert figures(in_a_pool[0]) == expected
 
 
-def test_finished_jobs_are_not_run_again(in_a_pool, tmp_path):
-    pool, jobs = in_a_pool[0], tiny_jobs()
-    folder = tmp_path / "copy"
-    folder.mkdir()
-    for file in pool.folder.glob("*.csv"):
-        (folder / file.name).write_bytes(file.read_bytes())
-    path = folder / "speed_against_error.csv"
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-100])  # the last job is torn
-    results = Results(folder)
-    (torn,) = results.missing(jobs)
-    results.add(torn, *run_job(torn))
-    assert run_jobs(jobs, results, workers=1) == {}
-    assert figures(results) == figures(pool)
-    kept = [line for line in whole.splitlines() if torn.key.encode() not in line]
-    assert path.read_bytes().splitlines()[: len(kept)] == kept
-
-
 def test_a_job_that_fails_is_reported(in_a_pool):
     _, bad, failures = in_a_pool
     assert list(failures) == [f"collision_free {bad.key}"]

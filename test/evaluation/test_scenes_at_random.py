@@ -10,8 +10,7 @@ from unc_physics_evaluation.answers import Answer, Moments, count, distance
 from unc_physics_evaluation.everyday_scenes import KINDS, kind_of, scene_at_random
 from unc_physics_evaluation.experiments import scenes_at_random
 from unc_physics_evaluation.experiments.scenes_at_random import misses_goal
-from unc_physics_evaluation.jobs import Job, Outcome, Row, Settings
-from unc_physics_evaluation.results import Results
+from unc_physics_evaluation.jobs import Job, Settings
 
 
 def moments(position, rotation, shift=0.0, angle=0.0):
@@ -57,28 +56,6 @@ def test_bodies_are_counted_by_their_limits():
     assert found == (8, 4, 2, 3, 1)
     assert (found.wrong_share, found.silent_share) == (0.5, 0.25)
     assert found.false_share == pytest.approx(1.0 / 3.0)
-
-
-def test_rows_of_methods_are_counted_and_written(tmp_path):
-    """From rows with known figures to the table: two bodies of auto, one of them wrong and silent."""
-    results, job = Results(tmp_path), scenes_at_random.jobs(Settings(quick=True))[0]
-    names = (
-        scenes_at_random.FACTOR,
-        scenes_at_random.MEAN,
-        scenes_at_random.FLAGS,
-        scenes_at_random.UNCONFIRMED,
-        scenes_at_random.COVERED,
-    )
-    bodies = (1.1, 0.1, 0, 0, 1), (3.0, 0.1, 0, 0, 0)
-    rows = [Row("auto", scenes_at_random.TIME, "s", 0.1)]
-    rows += [
-        Row("auto", name, "1", float(value), None, k)
-        for k, values in enumerate(bodies)
-        for name, value in zip(names, values, strict=True)
-    ]
-    results.add(job, Outcome(rows), {"versions": "", "machine": ""})
-    assert "| auto | 2 | 1 | 1 | 1 | 0 |" in scenes_at_random.report(results)
-    assert scenes_at_random.verdict(results).startswith("1 of 3 goals met; missed: wrong, auto")
 
 
 def test_there_are_all_kinds_and_enough_scenes():

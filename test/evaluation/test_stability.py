@@ -1,7 +1,6 @@
 """The catalogue of hard cases, and how predictions of them are judged."""
 
 import json
-import math
 
 import jsonschema
 import numpy as np
@@ -26,17 +25,11 @@ from unc_physics_evaluation.conservation import (
     rollout_rows,
     trajectory,
 )
-from unc_physics_evaluation.energy import (
-    contact_energy,
-    height_energy,
-    kinetic_energy,
-    momentum,
-    surface_distance,
-)
+from unc_physics_evaluation.energy import contact_energy, kinetic_energy, surface_distance
 from unc_physics_evaluation.experiments import stability
 from unc_physics_evaluation.hard_cases import FOLDER, load, names
 from unc_physics_evaluation.hard_cases.shapes import SHAPES, ball, rod
-from unc_physics_evaluation.judgement import SHAPE, judge, rates, worst
+from unc_physics_evaluation.judgement import SHAPE, judge, rates
 from unc_physics_evaluation.passing import passed_through
 from unc_physics_evaluation.results import Results
 from unc_physics_evaluation.stability_document import AT_REST, DRIFT_LIMIT, Found
@@ -114,27 +107,11 @@ def test_own_shapes_are_as_their_script_makes_them():
     assert 1000.0 < moments[1] / moments[0] < 1050.0
 
 
-def test_a_spread_within_a_factor_of_two_is_right():
-    assert not judge((1.9, 0.6), (1.0, 1.0), 1.0, set()).bad
-    assert judge((2.1, 1.0), (1.0, 1.0), 1.0, set()).bad
-    assert judge((1.0, 0.4), (1.0, 1.0), 1.0, set()).bad
-    assert judge((math.nan, 1.0), (1.0, 1.0), 1.0, set()).bad
-    assert judge((0.1, 1.0), (0.0, 1.0), 1.0, set()).bad, "certain in truth"
-    assert judge((1.0, 1.0), (1.0, 1.0), 1.0, set(), impossible=True).bad
-    nothing = judge((1e-10, 0.0), (0.0, 5e-10), 1.0, set())
-    assert not nothing.bad and (nothing.position, nothing.rotation) == (1.0, 1.0)
-
-
-def test_flags_of_bad_and_good_ones_are_counted():
-    cases = [(1.0, False), (1.0, True), (3.0, True), (3.0, False), (0.1, True)]
-    judged = [
-        judge((ratio, 1.0), (1.0, 1.0), 1.0, {"solver"} if flagged else set()) for ratio, flagged in cases
-    ]
+def test_flags_that_the_truth_confirms_are_not_false():
+    reasons = set(), {"outcomes"}, {"solver"}
+    judged = [judge((ratio, 1.0), (1.0, 1.0), 1.0, of, SHAPE) for ratio in (1.0, 3.0) for of in reasons]
     found = rates(judged)
-    assert (found.bad, found.good, found.found, found.false) == (3, 2, 2, 1)
-    good, bad = (judge((ratio, 1.0), (1.0, 1.0), 1.0, {"outcomes"}, SHAPE) for ratio in (1.0, 3.0))
-    assert not good.flagged and bad.flagged, "the truth's outcomes split, too"
-    assert worst([1.5, 0.5, 1.9]) == 0.5 and worst([1.0, 0.0]) == 0.0 and math.isnan(worst([3.0, math.nan]))
+    assert (found.good, found.false, found.bad, found.found) == (3, 1, 3, 2)
 
 
 @pytest.mark.parametrize(
@@ -168,23 +145,6 @@ def test_contact_energy_is_what_the_force_works_against(environment):
             some[0, axis] += sign * 1e-6
         slope = (contact_energy(scene, shifted[1]) - contact_energy(scene, shifted[0])) / 2e-6
         assert -slope == pytest.approx(force[axis], abs=1e-6 * np.linalg.norm(force)), "central difference"
-
-
-def test_energy_and_momentum_of_a_turning_falling_rod():
-    scene = Scene([RigidBody("rod", rod(), 2.0), RigidBody("base", BALL, fixed=True)], gravity=(0, 0, -10.0))
-    state = states((1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
-    state[0, 6:10] = np.sin(np.pi / 4), 0.0, 0.0, np.cos(np.pi / 4)  # its axis along -y
-    state[0, 3:6], state[0, 10:13] = (1.0, 0.0, 2.0), (0.0, 5.0, 3.0)
-    turning = scene.bodies[0].model.inertia[2, 2] * 25.0 + scene.bodies[0].model.inertia[0, 0] * 9.0
-    assert kinetic_energy(scene, state) == pytest.approx(5.0 + turning)
-    assert height_energy(scene, state) == pytest.approx(60.0)
-    assert momentum(scene, state).tolist() == [2.0, 0.0, 4.0]
-
-
-def test_distance_from_a_box():
-    box = Box((2.0, 2.0, 2.0), (1.0, 0.0, 0.0))
-    points = np.array([(1.0, 0.0, 0.0), (1.0, 0.5, 0.0), (3.0, 0.0, 0.0), (3.0, 2.0, 0.0)])
-    np.testing.assert_allclose(surface_distance(box, points), [-1.0, -0.5, 1.0, math.sqrt(2.0)])
 
 
 def test_passing_through_is_told_from_bouncing():

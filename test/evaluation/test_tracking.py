@@ -1,29 +1,18 @@
 """Tracking of recorded tosses: the frames, the followers and the experiment."""
 
 import numpy as np
-import pytest
 
 from unc_physics_evaluation.experiments import tracking as experiment
 from unc_physics_evaluation.jobs import Job, Settings
 from unc_physics_evaluation.recorded_tosses import recorded_tosses
 from unc_physics_evaluation.results import Results
 from unc_physics_evaluation.tracked_tosses import (
-    NOISE,
     FilterFollower,
     TrackerFollower,
     frames_of,
     scores,
     tracked_scene,
 )
-
-
-def test_measured_poses_have_the_noise_that_is_stated():
-    tosses = recorded_tosses()
-    errors = []
-    for k in range(30):
-        frames = frames_of(tosses, k, 148.0, "plain", 0)
-        errors.append(frames.measured[:, :3] - frames.truth[:, :3])
-    assert np.concatenate(errors).std() == pytest.approx(NOISE[0], rel=0.03)
 
 
 def test_conditions_leave_out_and_spoil_poses():

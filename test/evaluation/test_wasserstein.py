@@ -5,13 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics.checks.errors import InvalidRequestError
-from unc_physics_evaluation.wasserstein import (
-    euclidean,
-    geodesic,
-    geodesic_of_pairs,
-    state_distance,
-    wasserstein,
-)
+from unc_physics_evaluation.wasserstein import geodesic, geodesic_of_pairs, state_distance, wasserstein
 
 ROUND_OFF = 1e-12
 
@@ -26,22 +20,6 @@ def test_of_a_translation_is_its_length(rng):
     assert wasserstein(x, x + t) == pytest.approx(np.linalg.norm(t), rel=ROUND_OFF)
 
 
-def test_of_a_set_and_itself_is_zero(rng):
-    x = rng.standard_normal((200, 3))
-    assert wasserstein(x, x) <= ROUND_OFF
-    assert wasserstein(x, rng.permutation(x)) <= ROUND_OFF
-
-
-def test_is_symmetric_and_obeys_the_triangle_inequality(rng):
-    x, y, z = (
-        rng.standard_normal((80, 3)),
-        2.0 * rng.standard_normal((120, 3)),
-        rng.standard_normal((60, 3)) + 1.0,
-    )
-    assert wasserstein(x, y) == pytest.approx(wasserstein(y, x), rel=ROUND_OFF)
-    assert wasserstein(x, z) <= wasserstein(x, y) + wasserstein(y, z) + ROUND_OFF
-
-
 def test_of_gaussians_on_a_line():
     """In one dimension W1 is the distance of the quantiles: of N(0, 1) and N(0, s^2) it is |s - 1| sqrt(2 /
     pi).
@@ -53,16 +31,6 @@ def test_of_gaussians_on_a_line():
     assert wasserstein(quantiles, 3.0 * quantiles) == pytest.approx(
         2.0 * np.sqrt(2.0 / np.pi), rel=end_of_the_tails
     )
-
-
-def test_of_samples_of_distant_gaussians(rng):
-    """Two Gaussians of one covariance are a translation apart; samples say so up to the error of
-    their means.
-    """
-    scales, t = np.array([0.1, 0.2, 0.3]), np.array([3.0, 0.0, 4.0])
-    x, y = scales * rng.standard_normal((1000, 3)), scales * rng.standard_normal((1000, 3)) + t
-    statistics = 5.0 * np.linalg.norm(scales) * np.sqrt(2.0 / 1000)
-    assert wasserstein(x, y) == pytest.approx(5.0, abs=statistics)
 
 
 def test_of_a_few_points_against_many():
@@ -115,10 +83,6 @@ def test_bad_samples_are_refused():
         wasserstein(good, np.full((2, 3), np.nan))
 
 
-def test_euclidean_is_a_matrix_of_distances():
-    assert euclidean(np.zeros((1, 3)), np.array([[3.0, 4.0, 0.0]])).tolist() == [[5.0]]
-
-
 @pytest.mark.parametrize("factor", [0.5, 1.0, 3.0])
 def test_of_a_distribution_and_its_enlargement(factor, rng):
     """|x| is 1-Lipschitz, so nothing is shorter than moving along the rays: W1(x, c x) = |c - 1| E|x|."""
@@ -127,16 +91,6 @@ def test_of_a_distribution_and_its_enlargement(factor, rng):
     assert wasserstein(x, factor * x) == pytest.approx(expected, rel=ROUND_OFF, abs=ROUND_OFF)
     expectation_of_the_norm = 2.0 * np.sqrt(2.0 / np.pi)  # of a standard normal vector in three dimensions
     assert expected == pytest.approx(abs(factor - 1.0) * expectation_of_the_norm, rel=0.1)
-
-
-def test_of_distinct_gaussians(rng):
-    """Between centred isotropic Gaussians W1 is the difference of their mean norms; samples add at most their
-    floor.
-    """
-    x, y = rng.standard_normal((1000, 3)), 4.0 * rng.standard_normal((1000, 3))
-    expected = 3.0 * 2.0 * np.sqrt(2.0 / np.pi)
-    floor = 0.3 * 4.0
-    assert expected * 0.97 < wasserstein(x, y) < expected + floor
 
 
 def test_angles_of_pairs_are_the_diagonal_of_all(rng):
