@@ -129,30 +129,6 @@ def test_a_small_buffer_of_pairs_only_takes_more_rounds():
     assert check(ci, ri, ci, ri, np.eye(3), np.array([0.2, 0, 0]), pairs_at_once=sphere_tree.WIDTH**2) > 1000
 
 
-@given(seeds, st.integers(1, 300))
-def test_every_bound_holds_what_it_bounds(seed, n):
-    """Each sphere lies in every entry above it, and hangs in the tree exactly once."""
-    centers, radii = random_packing(np.random.default_rng(seed), n)
-    bounds, child, depth = sphere_tree.build(centers, radii)
-
-    def below(node, level):
-        spheres = []
-        for m in range(sphere_tree.WIDTH):
-            c = child[node, m]
-            if c == sphere_tree.EMPTY:
-                continue
-            inside = [~c] if c < 0 else below(c, level + 1)
-            assert level < depth or c < 0
-            center, radius = bounds[node, :3, m].astype(float), float(bounds[node, 3, m])
-            farthest = np.linalg.norm(centers[inside] - center, axis=1) + radii[inside]
-            assert farthest.max() <= radius
-            spheres += inside
-        return spheres
-
-    seen = below(0, 1)
-    assert sorted(seen) == list(range(n))
-
-
 def test_packings_with_the_same_spheres_share_their_tree_and_hull():
     """Each was loaded for itself, as in scene files."""
     models = [load_model("pin").prefix(30) for _ in range(2)]

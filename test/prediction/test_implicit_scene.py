@@ -1,7 +1,6 @@
 """Scenes with the implicit integrator through the whole library: materials and answers."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from plain_scenes import BALL, G, state
 from unc_physics import Plane, RigidBody, Scene, predict
 from unc_physics.__main__ import main
 from unc_physics.scene.belief import Belief
-from unc_physics.scene.parameters import vary
 from unc_physics.scene.physics_summary import physics_as_text, physics_of
 
 R = 0.05  # m, the ball's radius
@@ -41,33 +39,6 @@ def test_friction_is_the_geometric_mean_of_the_partners(own, floor, expected):
     assert speed - end[3] == pytest.approx(
         expected * G * round(time / scene.dt) * scene.dt, rel=0.01, abs=1e-6
     )
-
-
-@pytest.mark.parametrize(
-    "own, floor, expected",
-    [(0.6, None, 0.6), (0.9, 0.4, 0.6), (None, 0.4, 0.6), (0.5, 0.0, 0.0), (1.0, 1.0, 1.0)],
-)
-def test_restitution_is_the_geometric_mean_of_the_partners(own, floor, expected):
-    """A ball flies at a wall and comes back."""
-    scene = on_floor(
-        RigidBody("ball", BALL, 0.5, restitution=own),
-        floor=Plane(restitution=floor),
-        gravity=None,
-        restitution=0.9 if own is None else 0.6,
-    )
-    belief = Belief.exact([state((0, 0, R + 0.01), (0, 0, -1))])
-    end = predict(scene, belief, "sigma_points", 0.1).belief.mean[0]
-    assert end[5] == pytest.approx(expected, rel=0.02, abs=0.02)
-
-
-def test_the_kernels_get_the_varied_materials():
-    bodies = [RigidBody("a", BALL, 1.0, friction=0.4, friction_std=0.05), RigidBody("b", BALL, 1.0)]
-    scene = replace(on_floor(*bodies, restitution_std=0.05), stiffness=1e9)
-    np.testing.assert_array_equal(scene.world.implicit.friction, scene.materials.friction)
-    np.testing.assert_array_equal(scene.world.implicit.restitution, scene.materials.restitution)
-    world = vary(scene, np.array([1.0, -2.0]))  # the scene's restitution, a's friction
-    np.testing.assert_allclose(world.implicit.friction, [0.4 * np.exp(-2.0 * 0.05 / 0.4), 0.5, 0.5])
-    np.testing.assert_allclose(world.implicit.restitution, [0.15, 0.15, 0.15])
 
 
 # -- files and the command ---------------------------------------------------------------------------

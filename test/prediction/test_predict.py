@@ -229,14 +229,6 @@ def test_quaternions_near_unit_length_are_normalized(scene_and_belief):
     )
 
 
-def test_joint_blocks_and_marginals_agree(scene_and_belief):
-    belief = scene_and_belief[1]
-    again = Belief(belief.mean, belief.joint)
-    assert belief.independent and not again.independent
-    np.testing.assert_array_equal(again.blocks, belief.blocks)
-    np.testing.assert_array_equal(again.marginal(1), belief.blocks[1])
-
-
 @pytest.mark.parametrize("bodies", [["a"], RigidBody("a", load_model("pin").prefix(1), 1.0)])
 def test_bodies_that_are_none(bodies):
     with pytest.raises(UncPhysicsError, match="bodies"):

@@ -30,7 +30,7 @@ from unc_physics import (
 )
 from unc_physics.prediction.events import RolloutOutcomes
 
-HEIGHT, TABLE, HORIZON = 0.17, -0.5, 0.5
+TABLE, HORIZON = -0.5, 0.5
 SHELF = Box((0.4, 0.2, 0.02), (0.0, 0.0, -0.01), name="shelf")
 ABOVE = BoxRegion("above", (0.4, 0.2, 0.4), (0.0, 0.0, 0.2))
 BOX = load_model("salt_box").prefix(20)
@@ -177,14 +177,6 @@ def test_actions_may_be_given_in_many_ways():
     assert body.scene.bodies[0].friction == 2.0
     P = body.initial.covariance[0]
     assert not P[:3].any() and np.array_equal(P[3:, 3:], BELIEF.covariance[0, 3:, 3:])
-
-
-def test_an_action_s_body_belief_may_be_about_the_model_s_origin():
-    at_origin = replace(held(0.1), origin="model", position=(0.1, 0.0, 0.05), covariance=None)
-    expected = Belief.of(SCENE, {"box": at_origin})
-    ranking = rank(SCENE, BELIEF, {"origin": {"box": at_origin}}, ON_SHELF, 0.1, rollouts=4)
-    np.testing.assert_array_equal(ranking.best.prediction.initial.mean, expected.mean)
-    np.testing.assert_array_equal(ranking.best.prediction.initial.covariance, expected.covariance)
 
 
 def test_smallest_first_and_combined_events(ranking):

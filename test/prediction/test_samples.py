@@ -98,15 +98,6 @@ def test_the_command_adds_samples_to_each_body(file, capsys, loaded):
     assert answer["physics"]["integrator"] == "explicit" and answer["physics"]["gravity"] == [0.3, 0.0, -5.0]
 
 
-def test_the_table_says_which_physics(file, capsys):
-    assert main(["predict", file, "--horizon", str(HORIZON), *POINTS]) == 0
-    first = capsys.readouterr().out.splitlines()[0]
-    assert (
-        first == "sigma_points; explicit, dt 0.01 s, stiffness 1e+04 N/m^3, gravity (0.3, 0, -5) m/s^2, "
-        "damping 0.5 1/s"
-    )
-
-
 @pytest.mark.parametrize(
     "arguments, code, words",
     [

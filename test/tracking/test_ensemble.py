@@ -95,17 +95,6 @@ def test_the_order_of_independent_measurements_does_not_matter():
     assert one[1] == pytest.approx(other[1], abs=1e-7)
 
 
-def test_bodies_of_another_group_keep_their_bits():
-    rng = np.random.default_rng(5)
-    mean = np.zeros((2, 13))
-    mean[:, 9], mean[1, 0] = 1.0, 0.2
-    states = ensemble(random_covariance(24, rng, np.r_[SCALE, SCALE]), 64, rng, mean, (0, 1))
-    seen = PositionMeasurement([0.01, 0.0, 0.0], np.full(3, 2e-3)).observation(BODY)
-    result = corrected(states, np.array([0, 1]), [BodyObservation(0, seen, 0)], np.array([0, 1]))
-    assert np.array_equal(result.states[:, 1], states[:, 1])
-    assert not np.array_equal(result.states[:, 0], states[:, 0])
-
-
 def test_a_correlated_body_is_corrected_along():
     rng = np.random.default_rng(6)
     P = random_covariance(24, rng, np.r_[SCALE, SCALE])
@@ -154,15 +143,6 @@ def test_gates():
         R = NOISE[0] ** 2 / (share or 1.0)
         moved = deviations * s * SCALE[0] ** 2 / (SCALE[0] ** 2 + R) if accepted else 0.0
         assert result.states[:, 0, 0].mean() == pytest.approx(moved, abs=1e-6)
-
-
-def test_parameters_are_corrected_along():
-    rng = np.random.default_rng(9)
-    states = ensemble(np.diag(SCALE**2), 64, rng)
-    z = (states[:, 0, 0] / SCALE[0])[:, None]  # the position is all that there is to know of it
-    seen = PositionMeasurement([0.005, 0.0, 0.0], np.full(3, 1e-3)).observation(BODY)
-    result = corrected(states, np.array([0]), [BodyObservation(0, seen, 0)], np.zeros(1), parameters=z.copy())
-    assert result.parameters == pytest.approx(result.states[:, 0, :1] / SCALE[0], abs=1e-9)
 
 
 def test_the_model_origin_is_where_the_pose_is_measured():

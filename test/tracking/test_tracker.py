@@ -403,20 +403,6 @@ def test_friction_is_learned():
     assert found == pytest.approx(0.25, abs=max(0.05, 3.0 * std * found * 0.15 / 0.4))
 
 
-def test_relative_poses_are_measurements():
-    scene, rng = table_scene(2), np.random.default_rng(14)
-    known = {
-        "box0": {"position": RESTING[:3]},
-        "box1": {"position": [0.3, 0.0, SIDE / 2], "position_std": 0.02},
-    }
-    tracker = Tracker(scene, belief_of(scene, **known))
-    for k in range(1, 31):
-        seen = measured(pose([0.29, 0.01, 0.0]), rng)
-        relative = RelativePoseMeasurement("box0", seen.pose, NOISE)
-        tracker.correct(k / RATE, {"box0": measured(RESTING, rng), "box1": relative})
-    assert tracker.belief().mean[1, :2] == pytest.approx([0.29, 0.01], abs=3e-3)
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [
