@@ -1,4 +1,6 @@
-"""Laws of the contact of two spheres."""
+"""Laws of the contact of two spheres, and of a sphere and a plane."""
+
+import math
 
 import numpy as np
 import pytest
@@ -6,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import contact as twin
 
-from unc_physics.collision.contact_model import lens
+from unc_physics.collision.contact_model import cap, lens, shallow_energy, shallow_slope, shallow_volume
 
 ROUND_OFF = 1e-12
 
@@ -43,3 +45,19 @@ def test_volume_and_contact_point_see_no_order(ri, rj, share):
     (vij, lij), (vji, lji) = lens(d, ri, rj), lens(d, rj, ri)
     assert vij == pytest.approx(vji, rel=1e-9)
     assert lij + lji == pytest.approx(d, abs=ROUND_OFF * (ri + rj))
+
+
+@pytest.mark.parametrize("ri, rj", [(0.3, 0.3), (0.3, 0.05), (0.3, math.inf)])
+def test_shallow_overlaps_are_those_of_small_depths(ri, rj):
+    """Volume, slope and energy to leading order in the depth, against those of the lens or the cap."""
+    R = ri if math.isinf(rj) else ri * rj / (ri + rj)
+    depths = 1e-4 * R * np.linspace(0.0, 1.0, 201)
+    volumes = np.array(
+        [cap(ri - d, ri)[0] if math.isinf(rj) else lens(ri + rj - d, ri, rj)[0] for d in depths]
+    )
+    d, LEADING_ORDER = depths[-1], 1e-3
+    assert shallow_volume(R, d) == pytest.approx(volumes[-1], rel=LEADING_ORDER)
+    assert shallow_energy(R, d) == pytest.approx(np.trapezoid(volumes, depths), rel=LEADING_ORDER)
+    assert shallow_slope(R, depths[-2]) == pytest.approx(
+        (volumes[-1] - volumes[-3]) / (depths[-1] - depths[-3]), rel=LEADING_ORDER
+    )

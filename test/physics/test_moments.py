@@ -105,14 +105,6 @@ def test_mean_and_errors_equal_the_twin(seed, count, spread):
     np.testing.assert_allclose(moments.second_moment(errors), P, atol=1e-9)
 
 
-@given(seeds, st.integers(1, 100))
-def test_second_moment_is_symmetric_to_the_last_bit(seed, count):
-    errors = np.random.default_rng(seed).standard_normal((count, 12))
-    P = moments.second_moment(errors)
-    np.testing.assert_array_equal(P, P.T)
-    np.testing.assert_allclose(P, errors.T @ errors / count, atol=1e-12)
-
-
 def test_karcher_mean_of_opposite_rotations_is_finite():
     """Two rotations half a turn apart have two means; one of them it must be."""
     states = np.zeros((2, 1, 13))

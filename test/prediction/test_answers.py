@@ -24,7 +24,6 @@ from unc_physics import (
     make_propagator,
     predict,
 )
-from unc_physics.prediction.rare_outcomes import tail_factor
 from unc_physics.propagators.base import Samples, rollout_count
 from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.scene.scene_file import scene_from_dict
@@ -206,20 +205,6 @@ def test_a_rare_fall_is_flagged_or_simulated():
         (status,) = assess(prediction)
         assert status.measures["rare_outcomes"] < 1.1 and not status.flags
         assert rollout_count(prediction.carry) <= 128
-
-
-def test_wide_rollouts_that_respond_linearly_widen_nothing():
-    """And a share of them far away widens by its probability along one direction."""
-    scene, belief, _ = on_edge(7.0)
-    mean, P = belief.mean, np.zeros((1, 12, 12))
-    P[0, 0, 0] = 0.01**2
-    known = Belief(mean, P)
-    wide = np.tile(mean, (32, 1, 1))
-    z = np.random.default_rng(0).standard_normal(32)
-    wide[:, 0, 0] += 2.0 * 0.01 * z
-    assert tail_factor(scene, known, wide)[0] == 1.0
-    wide[:4, 0, 0] = mean[0, 0] + 0.3  # one in eight: beyond 1.15 here, 2.3 standard deviations there
-    assert tail_factor(scene, known, wide)[0] == pytest.approx(math.sqrt(1.0 + 0.0107 * 30.0**2), rel=0.2)
 
 
 def test_nothing_is_judged_twice(pushed, monkeypatch):

@@ -17,7 +17,7 @@ from unc_physics import (
 )
 from unc_physics.prediction.body_status import Status
 from unc_physics.propagators.base import Samples
-from unc_physics.scene.origins import gaussian_at_origins, states_at_origins
+from unc_physics.scene.origins import gaussian_at_origins
 from unc_physics.scene.parameters import moved_along
 
 BOX, MUG = load_model("salt_box"), load_model("mug")
@@ -65,14 +65,6 @@ def test_a_gaussian_at_origins_against_drawn_states(rotation_std):
     # between bodies the mean derivative is exact for Gaussians, up to products of two nonlinear parts
     assert np.abs((found.joint - P)[:12, 12:] / np.outer(own, own)[:12, 12:]).max() < 0.06
     assert np.linalg.eigvalsh(found.joint)[0] > -1e-9
-
-
-def test_an_exact_belief_is_moved():
-    belief = correlated_belief(0.1)
-    exact, origins = Belief.exact(belief.mean), np.array([[0.1, -0.2, 0.05], [0.0, 0.3, 0.1]])
-    for found in (gaussian_at_origins(exact, origins), states_at_origins(exact, exact.mean[None], origins)):
-        np.testing.assert_allclose(found.mean, moved_along(belief.mean[None], origins[None])[0], atol=1e-12)
-        assert np.abs(found.blocks).max() < 1e-25
 
 
 @pytest.mark.parametrize("rotation_std", STDS)

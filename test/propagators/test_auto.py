@@ -142,28 +142,6 @@ def test_time_is_kept_count(loaded, monkeypatch):
     assert time.perf_counter() - began < 5.0
 
 
-def test_time_is_left_for_the_answers(loaded, monkeypatch):
-    """By a clock that says 10 ms for each belief, which may take twice and four times as long later."""
-    scene, belief, _ = loaded("two_bodies")
-    auto = Auto(error=0.0, time=1.0)
-    carry = auto.advance(auto.init(scene, belief), scene, 150)
-    ticks = iter([0.0, 0.01])
-    monkeypatch.setattr("unc_physics.propagators.auto.clock", lambda: next(ticks))
-    # twenty beliefs leave 1 - 0.12 - 0.01 - 2 * 0.2 s, and 12 rollouts take 0.12 + 2 * 0.2 s
-    assert auto.additional_rollouts(carry, scene, Spent(0.12, 0.12, 20, NONE)) == int(12 * 0.47 / 0.52)
-
-
-def test_time_that_is_up_is_not_spent_on_looks(loaded, monkeypatch):
-    """The fewest rollouts are the answer where they took all of it: nothing more is fitted."""
-    scene, belief, _ = loaded("two_bodies")
-    auto = Auto(time=0.1)
-    carry = auto.advance(auto.init(scene, belief), scene, 150)
-    assert len(carry.states) == 12
-    monkeypatch.setattr(Auto, "belief", None)
-    assert auto.additional_rollouts(carry, scene, Spent(0.11, 0.11, 1, NONE)) == 0
-    assert not carry.moments
-
-
 def test_a_mean_of_rotations_in_all_directions_is_less_sure(loaded):
     """Of samples of Monte Carlo: what leaving out parts tells is about what other samples give."""
     scene, belief, _ = loaded("two_bodies")

@@ -10,7 +10,7 @@ from scipy.stats import norm, qmc
 
 from unc_physics import Belief, Plane, Scene, Touches, make_propagator, predict
 from unc_physics.prediction.status import assess
-from unc_physics.propagators import displacements, emission, response_surface, sobol
+from unc_physics.propagators import emission, response_surface, sobol
 from unc_physics.propagators.reduction import reduction
 from unc_physics.spatial.moments import symmetric_root
 
@@ -132,14 +132,6 @@ def test_active_directions_are_those_in_which_the_surface_changes():
     assert np.linalg.norm(found[:, 0]) == pytest.approx(1.0) and np.linalg.norm(found[:, 2]) < 0.7
     flat = response_surface.fit(x, np.ones((32, 1)))
     np.testing.assert_array_equal(response_surface.active_directions(flat), np.eye(3))
-
-
-def test_displacements_reach_no_further_than_the_third_nearest_outcome():
-    y = np.array([[0.0, 5.0], [1.0, 5.0], [3.0, 5.0], [7.0, 5.0]])
-    np.testing.assert_array_equal(displacements.reach(y, 0, 1), [7.0, 6.0, 4.0, 7.0])
-    moves = np.array([[3.0, 4.0, 1.0, 1.0], [0.3, 0.4, 1.0, 1.0]])
-    displacements.clip(moves, 0, 2, 2, np.array([1.0, 1.0]))
-    np.testing.assert_allclose(moves, [[0.6, 0.8, 0.2, 0.2], [0.3, 0.4, 1.0, 1.0]])
 
 
 def test_moments_are_those_of_outcomes():

@@ -74,29 +74,6 @@ def test_a_small_group_far_away_is_a_mode():
         assert len(split(states(1000, [[0.0, 0.0, 0.0]], [1.0], seed=seed), 0.06)) == 1
 
 
-def test_too_few_for_a_mode_belong_to_the_nearest():
-    """Two rollouts that fell otherwise than the rest are none of those that stand."""
-    fell, stands = (
-        states(60, [[0.3, 0.0, 0.0]], [1.0], std=0.02),
-        states(240, [[0, 0, 0.4]], [1.0], std=0.002),
-    )
-    fell[:2, :2] = [[0.6, 0.2], [0.5, -0.3]]
-    fell[:, 3:6] = stands[:, 3:6] = 0.0
-    found = split(np.concatenate([fell, stands]), 0.06)
-    assert sum(mode.weight for mode in found if mode.mean[2] > 0.2) == pytest.approx(0.8, abs=1e-12)
-
-
-@pytest.mark.parametrize("speed, share", [(-1.5, 0.8), (0.0, 0.805)])
-def test_one_in_between_belongs_where_it_is_going(speed, share):
-    """Nearer to those that stand: it is of those that fell only if it falls."""
-    fell = states(40, [[0.1, 0.0, 0.0]], [1.0])
-    stands = states(160, [[0.0, 0.0, 0.4]], [1.0], std=0.002)
-    fell[:, 3:6] = stands[:, 3:6] = 0.0
-    fell[0, [0, 2, 5]] = 0.05, 0.28, speed
-    found = split(np.concatenate([fell, stands]), 0.06)
-    assert sum(mode.weight for mode in found if mode.mean[2] > 0.2) == pytest.approx(share, abs=1e-12)
-
-
 def test_equal_samples_are_one_mode_without_spread():
     (mode,) = split(np.tile(states(1, [[1.0, 2.0, 3.0]], [1.0]), (20, 1)), 0.06)
     assert mode[0] == 1.0
