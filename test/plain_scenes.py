@@ -1,5 +1,5 @@
-"""Bodies of known shape, their states, and rollouts of one state: for tests of laws, whatever
-the integrator.
+"""Bodies of known shape, their worlds, states and beliefs, and rollouts of one state: for tests of laws,
+whatever the integrator.
 """
 
 import numpy as np

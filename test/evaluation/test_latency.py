@@ -1,4 +1,4 @@
-"""Latency of the node: figures beside their goals, from a stream and from calls of a node."""
+"""Latency of the node, from its stream."""
 
 import pytest
 

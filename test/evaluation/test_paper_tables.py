@@ -1,4 +1,4 @@
-"""The paper's Table 3 and the tables behind its Figs. 6 and 7."""
+"""The tables behind the paper's Figs. 6 and 7."""
 
 import csv
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A sweep gives the same results whoever does the work, in whatever order, and goes on where it stopped."""
+"""A sweep gives the same results whoever does the work, in whatever order."""
 
 import pytest
 

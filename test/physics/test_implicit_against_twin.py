@@ -830,6 +830,3 @@ def test_rigid_contacts_act_at_once_and_elastic_ones_in_sequence(case, e):
         if impulse[0] > 0.0:
             assert first_time[min(pair), max(pair)] == 0.0
     assert np.isfinite(first_time).sum() == len({c[:2] for c, i in zip(taken, own, strict=True) if i[0] > 0})
-
-
-# -- flight ------------------------------------------------------------------------------------------

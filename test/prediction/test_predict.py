@@ -1,4 +1,4 @@
-"""The driver: horizon, times, progress, limits of time; a belief given by the library, without a file."""
+"""The driver: horizon, times, progress, limits of time; what is a belief."""
 
 import numpy as np
 import pytest
