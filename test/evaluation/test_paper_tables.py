@@ -1,12 +1,12 @@
-"""The tables behind the paper's Figs. 6 and 7."""
+"""The paper's Table 3 and the tables behind its Figs. 6 and 7."""
 
 import csv
 from pathlib import Path
 
 import pytest
 
-from unc_physics_evaluation.experiments import collisions
-from unc_physics_evaluation.jobs import Job
+from unc_physics_evaluation.experiments import collisions, storage
+from unc_physics_evaluation.jobs import Job, Settings
 from unc_physics_evaluation.results import Results
 
 
@@ -21,6 +21,19 @@ def filled(tmp_path, experiment, jobs):
 def written(tmp_path, name):
     with open(tmp_path / "tables" / f"{name}.csv", newline="") as file:
         return list(csv.DictReader(file))
+
+
+def test_carries_hold_as_many_numbers_as_the_paper_says(tmp_path):
+    jobs = [job for job in storage.jobs(Settings()) if job.parameters["bodies"] <= 4]
+    filled(tmp_path, storage, jobs)
+    counts = {
+        row["method"]: (int(row["2 bodies"]), int(row["4 bodies"])) for row in written(tmp_path, "storage")
+    }
+    for method in ("surrogate", "local sampling", "sigma points, full"):
+        assert counts[method] == counts[f"{method}, in the paper"]
+    # Positions alone are uncertain: 3 of the 12 columns of each body's root are there.
+    assert counts["linearization"] == (2 * 13 + 24 * 6, 4 * 13 + 48 * 12)
+    assert counts["MC-100"] == (100 * 2 * 13, 100 * 4 * 13)
 
 
 @pytest.mark.parametrize(("truth", "rounds", "table"), [(100, 0, "collisions"), (0, 1, "collisions_time")])
