@@ -216,18 +216,9 @@ def fit_model(
 ) -> Fit:
     """Return the model under which motions are predicted best, for any simulator.
 
-    Parameters
-    ----------
-    motions : sequence of Recorded
-    before : Model
-        Its values are the medians of the priors.
-    adjusted : sequence of Adjustable
-    samples, evaluations, seed : int
-        As those of `calibrate`.
-    tell : callable, optional
-        Takes the mean penalised score of each model that is tried.
-    simulate : callable, optional
-        Makes the predictions.
+    The values of ``before`` are the medians of the priors. Samples, evaluations and seed are those of
+    `calibrate`. ``tell`` takes the mean penalised score of each model that is tried; ``simulate`` makes the
+    predictions.
     """
     few = Objective(motions[:_SEARCHED], samples, seed, simulate)
     search = Search(Posterior(few, before, adjusted, tell, len(motions)))

@@ -95,20 +95,10 @@ def flight_frames(motion: Motion, scene: Scene) -> int:
 
 
 def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> FlightStart | None:
-    """Fit a free flight to the first poses before contact; velocities need no differences of poses.
+    """Fit a free flight to at most ``frames`` of the first poses; velocities need no differences of poses.
 
-    Parameters
-    ----------
-    motion : Motion
-    scene : Scene
-        Gives gravity, inertia, and what there is to touch.
-    frames : int
-        How many poses at most.
-
-    Returns
-    -------
-    FlightStart or None
-        None where fewer than three poses come before the first contact.
+    The scene gives gravity, inertia, and what there is to touch. None where fewer than three poses come
+    before the first contact.
     """
     count = min(flight_frames(motion, scene), frames)
     if count < _FEWEST:

@@ -10,12 +10,7 @@ _FIRST_STEP, _LAST_STEP = 0.7, 0.07  # of the search, in standard deviations of 
 
 
 class Search:
-    """A search for the values whose penalised score is least, from the medians of their priors on.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    """
+    """A search for the values whose penalised score is least, from the medians of their priors on."""
 
     def __init__(self, posterior: Posterior):
         self._posterior = posterior

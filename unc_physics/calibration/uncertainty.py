@@ -69,12 +69,7 @@ def refining(count: int) -> int:
 def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
     """Return the values at which the penalised score is least, from others nearby, and how certain they are.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Of all motions.
-    x : (K,) array
-        Where it begins, as the search found them.
+    The posterior is that of all motions; ``x`` (K,) is where it begins, as the search found them.
     """
     x = np.clip(x, posterior.low, posterior.high)
     middle = posterior.at(x)

@@ -15,21 +15,9 @@ _ALWAYS = 100_000_000  # bytes that are not checked: the check takes longer than
 
 
 def require_memory(needed: float, what: str, field: str, value: object = None) -> None:
-    """Raise an error if more memory is needed than available.
+    """Raise `LimitExceededError` if about ``needed`` bytes are more than the available memory.
 
-    Parameters
-    ----------
-    needed : float
-        Approximate size [bytes].
-    what : str
-        Purpose, in a few words.
-    field : str
-        Field that the user can change.
-    value : object, optional
-
-    Raises
-    ------
-    LimitExceededError
+    ``what`` is the purpose in a few words, and ``field`` what the user can change.
     """
     if needed <= _ALWAYS:
         return

@@ -58,12 +58,9 @@ def list_models(models_dir: str | os.PathLike[str] | None = None) -> dict[str, P
 
 
 def find_model(name_or_path, models_dir=None) -> Path:
-    """The file of a model, given by its name in the library or by a path that ends in ``.npz``.
+    """Return the file of a model, given by its name in the library or by a path that ends in ``.npz``.
 
-    Raises
-    ------
-    UnknownModelError
-        If there is none; the message lists the known models and the folders searched.
+    Raises `UnknownModelError` if there is none; the message lists the known models and the folders searched.
     """
     instance(name_or_path, (str, os.PathLike), "name_or_path")
     text = os.fspath(name_or_path)

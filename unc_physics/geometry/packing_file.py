@@ -390,21 +390,10 @@ def _umask():
 
 
 def solid_spheres_inertia(centers, radii):
-    """Centroid and inertia of a body made of solid spheres; overlaps count twice.
+    """Return the centroid (3,) [m] of a body made of solid spheres, and its inertia (3, 3) about that.
 
-    Parameters
-    ----------
-    centers : ndarray (n, 3)
-        Centres [m].
-    radii : ndarray (n,)
-        Radii [m].
-
-    Returns
-    -------
-    centroid : ndarray (3,)
-        Centre of mass [m].
-    inertia : ndarray (3, 3)
-        Inertia about the centroid per unit mass [m^2].
+    The inertia is per unit mass [m^2]. The spheres have ``centers`` (n, 3) and ``radii`` (n,) [m]; overlaps
+    count twice.
     """
     weights = (radii / radii.max()) ** 3
     weights = weights / weights.sum()
@@ -421,19 +410,10 @@ def spheres_reach(centers, radii) -> float:
 
 
 def check_inertia(inertia, reach=None):
-    """Refuse what is no inertia tensor: symmetric, positive definite, triangle inequality (to round-off), and
-    not out of all proportion to the body.
+    """Raise `InvalidModelError` for what is no inertia tensor (3, 3) per unit mass [m^2].
 
-    Parameters
-    ----------
-    inertia : ndarray (3, 3)
-        Per unit mass [m^2].
-    reach : float, optional
-        How far the body reaches from its centre of mass [m].
-
-    Raises
-    ------
-    InvalidModelError
+    It is symmetric, positive definite, obeys the triangle inequality (to round-off), and is not out of all
+    proportion to a body that reaches ``reach`` [m] from its centre of mass.
     """
     size = np.abs(inertia).max()
     if np.abs(inertia - inertia.T).max() > ROUND_OFF * size:

@@ -12,16 +12,9 @@ LIGHT = np.array([-0.35, 0.55, 0.76])  # right, up, towards the eye
 
 
 def draw_levels(path, packings, up="z") -> None:
-    """Draw packings of one body side by side into a PNG.
+    """Draw packings of one body, its levels of detail, side by side into a PNG.
 
-    Parameters
-    ----------
-    path : path-like
-        File to write.
-    packings : list of SpherePacking
-        Levels of detail of one body.
-    up : {'z', 'x', 'y'}
-        Body axis that points up in the picture.
+    The body axis ``up``, 'x', 'y' or 'z', points up in the picture.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -14,17 +14,10 @@ PRIMITIVES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
 
 
 def primitive(kind: str, size: Sequence[float], subdivisions: int = _SUBDIVISIONS):
-    """Vertices (n, 3) and triangles (m, 3) of a shape about its middle.
+    """Return vertices (n, 3) and triangles (m, 3) of a shape of `PRIMITIVES` about its middle.
 
-    Parameters
-    ----------
-    kind : str
-        One of `PRIMITIVES`.
-    size : sequence of float
-        Of a box its edges, of a sphere its radius, of a cylinder and a capsule the radius and the length of
-        the straight part, along z [m].
-    subdivisions : int
-        Of a sphere: how fine it is.
+    Its size is of a box the edges, of a sphere the radius, of a cylinder and a capsule the radius and the
+    length of the straight part, along z [m]. ``subdivisions`` says how fine a sphere is.
     """
     import trimesh
 

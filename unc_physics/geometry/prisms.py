@@ -14,10 +14,7 @@ _FLAT = 1e-9  # of a polygon's size squared: a corner that turns by less is stra
 def prism(polygon: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and triangles of a convex polygon (n, 2) in the plane z = 0, spread over a height along z [m].
 
-    Raises
-    ------
-    InvalidMeshError
-        If the polygon has fewer than three corners, or is not convex.
+    Raises `InvalidMeshError` if the polygon has fewer than three corners, or is not convex.
     """
     polygon = _convex(polygon)
     count, half = len(polygon), 0.5 * height

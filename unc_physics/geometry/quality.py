@@ -31,21 +31,10 @@ def prefix_lengths(count: int) -> np.ndarray:
 
 
 def extent_losses(corners, spheres, lengths) -> np.ndarray:
-    """Largest loss of extent over all directions, for the first spheres of a packing.
+    """(k,): largest loss of extent over all directions [m], for the first spheres of a packing.
 
-    Parameters
-    ----------
-    corners : ndarray (m, 3, 3)
-        Corners of the mesh's triangles [m].
-    spheres : ndarray (n, 4)
-        Centres and radii [m].
-    lengths : (k,) array_like of int
-        Numbers of first spheres, ascending.
-
-    Returns
-    -------
-    ndarray (k,)
-        How much farther the mesh reaches than the spheres, in the direction where that is most [m].
+    ``lengths`` (k,) are the numbers of first spheres, ascending. The loss is how much farther the mesh,
+    triangles with ``corners`` (m, 3, 3), reaches than the spheres (n, 4), centres and radii [m].
 
     Notes
     -----
@@ -113,23 +102,10 @@ def _extent(balls, directions):
 
 
 def sinks(corners, spheres, lengths, radius: float = PROBE) -> np.ndarray:
-    """Return the depth of a ball below the mesh where it touches the first spheres of a packing.
+    """(k,): depth of a ball below the mesh where it touches the first spheres of a packing, at most [m].
 
-    Parameters
-    ----------
-    corners : ndarray (m, 3, 3)
-        Corners of the mesh's triangles, counter-clockwise as seen from outside [m].
-    spheres : ndarray (n, 4)
-        Centres and radii [m].
-    lengths : (k,) array_like of int
-        Numbers of first spheres, ascending.
-    radius : float
-        Of the ball [m].
-
-    Returns
-    -------
-    ndarray (k,)
-        The most over places on the surface [m]; at most the ball's diameter, where it sinks in whole.
+    The most over places on the surface counts; it is at most the ball's diameter, where the ball sinks in
+    whole. The arguments are those of `extent_losses`, with corners counter-clockwise as seen from outside.
 
     Notes
     -----

@@ -52,21 +52,10 @@ RECIPES = {
 
 
 def recipe_solid(name, meshes=None) -> tuple[SolidMesh, dict]:
-    """The body of a model of the library, and its ``mass``, ``source`` and ``licence``.
+    """Return the body of a key of `RECIPES`, and the model's ``mass``, ``source`` and ``licence``.
 
-    Parameters
-    ----------
-    name : str
-        A key of RECIPES.
-    meshes : path-like, optional
-        Folder of the meshes that are no part of the repository.
-
-    Raises
-    ------
-    UnknownModelError
-        If there is no recipe of that name.
-    InvalidMeshError
-        If the model needs a mesh file and ``meshes`` does not hold it.
+    ``meshes`` is the folder of the meshes that are no part of the repository; `InvalidMeshError` is raised if
+    the model needs one and it is not there.
     """
     if name not in RECIPES:
         raise UnknownModelError(

@@ -110,12 +110,9 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
-    """Vertices (n, 3) and triangles (m, 3) of a mesh file, and the file's SHA-256.
+    """Return vertices (n, 3) and triangles (m, 3) of a mesh file, and the file's SHA-256.
 
-    Raises
-    ------
-    InvalidMeshError, LimitExceededError
-        If the file is no mesh, or larger than the memory allows.
+    Raises `InvalidMeshError` or `LimitExceededError` if it is no mesh, or larger than the memory allows.
     """
     import trimesh
 
@@ -143,14 +140,10 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
-    """A solid from vertices (n, 3) [m] and triangles (m, 3).
+    """Return a solid from vertices (n, 3) [m] and triangles (m, 3).
 
     Several components are one body. A component that is wound inside out is a cavity of the one around it.
-
-    Raises
-    ------
-    InvalidMeshError
-        If the triangles are not the boundary of a solid.
+    Raises `InvalidMeshError` if the triangles are not the boundary of a solid.
     """
     import trimesh
 
@@ -207,12 +200,7 @@ def edge_balance(faces):
 
 
 def check_closed(faces):
-    """Refuse a surface with a border, or whose triangles are wound against each other.
-
-    Raises
-    ------
-    InvalidMeshError
-    """
+    """Raise `InvalidMeshError` if a surface has a border, or its triangles are wound against each other."""
     if len(faces) == 0:
         raise InvalidMeshError("has no volume: all its triangles are degenerate")
     uses, balance = edge_balance(faces)
@@ -231,13 +219,9 @@ def check_closed(faces):
 
 
 def check_outside_out(points, faces):
-    """Refuse a surface that is flat, inside out, or has components that overlap or are inside out.
+    """Raise `InvalidMeshError` if a surface is flat or inside out, or components overlap or are inside out.
 
     ``points`` are normalized to a size between 1 and 2.
-
-    Raises
-    ------
-    InvalidMeshError
     """
     label = components(faces, len(points))
     signed = (
@@ -281,14 +265,10 @@ def check_outside_out(points, faces):
 
 
 def check_crossings(points, faces):
-    """Refuse a component that passes through itself, so that its volume counts twice or not at all.
+    """Raise `InvalidMeshError` if a component passes through itself: its volume counts twice or not at all.
 
     On the inner side of its surface a solid winds once around each point, and a cavity never. ``points`` are
     normalized to a size between 1 and 2.
-
-    Raises
-    ------
-    InvalidMeshError
     """
     label = components(faces, len(points))
     for k in range(label.max() + 1):

@@ -305,16 +305,9 @@ def capsule_supports(radius, length) -> SupportSpheres:
 
 
 def support_spheres(corners, tree, most) -> SupportSpheres:
-    """Return the spheres that give a packing its extent, flat faces and rims.
+    """Return at most ``most`` spheres that give a packing its extent, flat faces and rims.
 
-    Parameters
-    ----------
-    corners : ndarray (m, 3, 3)
-        Corners of the mesh's triangles, about the centre of mass.
-    tree : TriangleTree
-        Of the same.
-    most : int
-        Number of spheres, at most.
+    ``corners`` (m, 3, 3) are those of the mesh's triangles about the centre of mass, which ``tree`` has, too.
     """
     points = np.unique(corners.reshape(-1, 3), axis=0)
     faces, size = hull_faces(points)

@@ -12,19 +12,10 @@ STACK = 256  # halves of triangles waiting: each halving adds one, so the limit 
 
 
 def surface_gap(corners, spheres) -> float:
-    """The farthest that a point of a surface lies from the nearest sphere.
+    """Return the farthest that a point of a surface lies from the nearest sphere [m].
 
-    Parameters
-    ----------
-    corners : ndarray (m, 3, 3)
-        Corners of the surface's triangles [m].
-    spheres : ndarray (n, 4)
-        Centres and radii [m].
-
-    Returns
-    -------
-    float
-        An upper bound of the gap [m], at most 1 % above it.
+    ``corners`` (m, 3, 3) are those of the surface's triangles, and ``spheres`` (n, 4) centres and radii [m].
+    It is an upper bound, at most 1 % above the gap.
     """
     lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     size = float(np.max(upper - lower))

@@ -26,13 +26,7 @@ class TriangleTree(NamedTuple):
 
 
 def build_triangle_tree(corners) -> TriangleTree:
-    """Build the tree by splitting at the median of the longest side.
-
-    Parameters
-    ----------
-    corners : ndarray (m, 3, 3)
-        The triangles' corners.
-    """
+    """Build the tree of triangles (m, 3, 3) by splitting at the median of the longest side."""
     count = len(corners)
     depth = max(0, int(np.ceil(np.log2(count / LEAF_SIZE))))
     leaf_size = -(-count // (1 << depth))

@@ -16,16 +16,7 @@ _OTHERS = ("#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
 
 
 def draw_ranking(path: str, ranking: Ranking, also: Sequence[Event] = (), title: str = "") -> None:
-    """Draw each action's score with its interval, the best first, and probabilities of other events.
-
-    Parameters
-    ----------
-    path : str
-        PNG file.
-    ranking : Ranking
-    also : sequence of Event
-    title : str
-    """
+    """Draw each action's score with its interval into a PNG file, and probabilities of other events."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

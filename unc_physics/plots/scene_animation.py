@@ -29,16 +29,9 @@ _FEWEST = 20  # least number of spheres drawn of a body, the largest ones
 def draw_animation(path: str | Path, prediction: Any, title: str = "", events: Sequence[Any] = ()) -> None:
     """Draw a prediction as an animated GIF: a picture of the start and one of each time.
 
-    Parameters
-    ----------
-    path : path-like
-        File to write.
-    prediction : Prediction
-        One sample is drawn solid and others pale, since the mean of different outcomes is not a possible
-        pose. Without samples the mean is solid, and samples of the Gaussian are pale.
-    title : str
-    events : sequence of Event
-        Events whose probabilities are shown as bars, at most the first four that change over time.
+    One sample is drawn solid and others pale, since the mean of different outcomes is not a possible pose.
+    Without samples the mean is solid, and samples of the Gaussian are pale. Probabilities of ``events`` are
+    shown as bars, at most the first four that change over time.
     """
     from PIL import Image
 

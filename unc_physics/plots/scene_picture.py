@@ -37,20 +37,11 @@ _SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
 
 
 def draw_prediction(prediction: Any, title: str = "") -> Figure:
-    """Draw a scene and its prediction, from the side and from above.
+    """Draw a scene and its prediction, from the side and from above; no window is opened.
 
-    Parameters
-    ----------
-    prediction : Prediction
-        The belief at time 0 is drawn pale, the last belief solid, with an ellipse for each of a body's modes.
-        A body with several modes is drawn as samples, since its mean is not a possible pose. Paths connect
-        the positions of all times.
-    title : str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Figure with ``savefig``; no window is opened.
+    The belief at time 0 is drawn pale, the last belief solid, with an ellipse for each of a body's modes. A
+    body with several modes is drawn as samples, since its mean is not a possible pose. Paths connect the
+    positions of all times.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -220,23 +211,10 @@ def _draw_view(axes, prediction, beliefs, shown, view, low, high):
 
 
 def draw_body(axes, model, state, view, color, pixel, alpha, count) -> None:
-    """Draw the largest spheres of a model in a pose.
+    """Draw the ``count`` largest spheres of a model in the pose of a state (13,).
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    model : SpherePacking
-    state : (13,) array
-        State whose position and quaternion are used.
-    view : (3, 3) array
-        Right, up and towards the eye, as rows.
-    color : (3,) array
-    pixel : float
-        Size of a pixel [m].
-    alpha : float
-        Opacity.
-    count : int
-        Number of spheres.
+    The rows of ``view`` (3, 3) point right, up and towards the eye. A pixel is so large [m]; ``alpha`` is the
+    opacity.
     """
     R = rotation_matrix(state[QUATERNION])
     centers = (model.centers[:count] @ R.T + state[POSITION]) @ view.T
@@ -281,19 +259,7 @@ def _below(polygon, normal, offset):
 
 
 def outline(element, view):
-    """Compute the outline of a finite element of the environment, seen from far away.
-
-    Parameters
-    ----------
-    element : Element
-    view : (3, 3) array
-        Right, up and towards the eye, as rows.
-
-    Returns
-    -------
-    (n, 2) array
-        Corners of a convex polygon, to the right and up [m].
-    """
+    """(n, 2): outline of a finite element, seen from far away: a convex polygon, right and up [m]."""
     angle = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
     directions = np.cos(angle)[:, None] * view[0] + np.sin(angle)[:, None] * view[1]
     return outermost(element, directions) @ view[:2].T
@@ -308,15 +274,7 @@ def outermost(element, directions):
 
 
 def ellipse(center, P, **style):
-    """Return the `SIGMAS` ellipse of a covariance (2, 2), not filled.
-
-    Parameters
-    ----------
-    center : (2,) array
-    P : (2, 2) array
-    **style
-        Arguments of matplotlib's ``Ellipse``.
-    """
+    """Return the `SIGMAS` ellipse of a covariance (2, 2), not filled, in a style of Matplotlib."""
     from matplotlib.patches import Ellipse
 
     variances, axes = np.linalg.eigh(P)

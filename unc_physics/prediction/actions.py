@@ -31,20 +31,10 @@ _OF_BELIEF = (*_PLACES, *STDS, "covariance", "origin")
 
 
 def apply_action(scene: Scene, belief: Belief, action: Action, field: str) -> tuple[Scene, Belief]:
-    """The scene and the belief about it that an action makes of those given.
+    """Return the scene and the belief about it that an action makes of those given.
 
-    Parameters
-    ----------
-    scene : Scene
-    belief : Belief
-    action : Action
-    field : str
-        What errors call it.
-
-    Raises
-    ------
-    UncPhysicsError
-        If the action is none, names what is not there, or makes no scene or no belief.
+    Raises `UncPhysicsError`, in which the action is called ``field``, if it is no action, names what is not
+    there, or makes no scene or no belief.
     """
     try:
         scene, belief = _applied(scene, belief, action)

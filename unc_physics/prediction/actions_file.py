@@ -56,16 +56,7 @@ def load_actions(
 ) -> LoadedActions:
     """Read a file of actions; the scene file that it names is relative to its folder.
 
-    Parameters
-    ----------
-    path : str or path-like
-    models_dir : str or path-like, optional
-        As for `load_scene`.
-
-    Raises
-    ------
-    UncPhysicsError
-        One of its kinds, naming the field and the value.
+    ``models_dir`` is as for `load_scene`; errors name the field and the value.
     """
     content = read_yaml(path, "actions file")
     if isinstance(content, dict) and "bodies" in content:

@@ -33,13 +33,7 @@ class Candidate(NamedTuple):
 
 
 class Failed(Exception):
-    """Error of one candidate; the others may be valid.
-
-    Attributes
-    ----------
-    candidate : int
-    error : UncPhysicsError
-    """
+    """Error of one candidate, by its index; the others may be valid."""
 
     def __init__(self, candidate: int, error: UncPhysicsError):
         super().__init__(str(error))
@@ -105,15 +99,10 @@ class CandidateRollouts:
         self._carries: list[list[Any]] = [[] for _ in candidates]
 
     def run(self, allowed: float | None, progress: Callable[[int, int], object] | None) -> None:
-        """Go through the rounds.
+        """Go through the rounds, within a wall time ``allowed`` [s] if there is one.
 
-        Parameters
-        ----------
-        allowed : float or None
-            Wall time [s].
-        progress : callable, optional
-            Called every few hundredths of a second, and after each round, with the number of rollouts of the
-            rounds until then, and with the budget. What it raises ends the ranking.
+        ``progress`` is called every few hundredths of a second, and after each round, with the number of
+        rollouts of the rounds until then, and with the budget. What it raises ends the ranking.
         """
         started = clock()
         with time_limit() as limit:

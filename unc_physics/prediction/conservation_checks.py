@@ -18,18 +18,9 @@ _EQUAL = 1e-6  # relative difference of moments of inertia that are equal
 
 
 def penetration_share(scene, start, states) -> np.ndarray:
-    """Compute in which share of some rollouts each body is inside the environment or a fixed body.
+    """(B,): share of states (N, B, 13) in which each body is inside the environment or a fixed body.
 
-    Parameters
-    ----------
-    scene : Scene
-    start : evidence.InitialDiagnostics
-        Overlap that the bodies had from the start on, and keep, does not count.
-    states : (N, B, 13) array
-
-    Returns
-    -------
-    (B,) array
+    Overlap that the bodies had from the start on (`evidence.InitialDiagnostics`), and keep, does not count.
     """
     kept = np.zeros(len(scene.bodies))
     if scene.overlap == "keep":
@@ -56,23 +47,12 @@ def kinetic_energies(scene, mass, states) -> np.ndarray:
 
 
 def conserves_energy(scene, start, touched, group) -> np.ndarray:
-    """Tell of which bodies no law takes or adds energy.
+    """(B,) bool: of which bodies no law takes or adds energy.
 
-    Parameters
-    ----------
-    scene : Scene
-    start : evidence.InitialDiagnostics
-    touched : (B, B + E) bool array
-        Which bodies touched each other, or elements of the environment.
-    group : (B,) int array
-        Bodies that touched, directly or through others, have the same number; they share their energy.
-
-    Returns
-    -------
-    (B,) bool array
-        Whether all contacts of the body's group are elastic and without friction. All False where something
-        damps or acts, contacts oppose spin, or parameters are uncertain, and for the explicit integrator,
-        which stores energy in contacts and has limits of its own for its steps.
+    All contacts of the body's ``group`` (B,) must be elastic and without friction: bodies that ``touched``
+    each other (B, B + E), directly or through others, have the same number, and share their energy. All are
+    False where something damps or acts, contacts oppose spin, or parameters are uncertain. So they are for
+    the explicit integrator, which stores energy in contacts and has limits of its own for its steps.
     """
     if (
         scene.integrator != "implicit"

@@ -48,11 +48,7 @@ _judged: WeakKeyDictionary[Snapshot, dict[int, tuple[BodyStatus, ...]]] = WeakKe
 def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
     """Return the statuses of all bodies at each time, those of a prediction that ends there.
 
-    Parameters
-    ----------
-    prediction : Prediction
-    rollouts : int
-        How many to compare spreads with, as in `status.assess`.
+    Spreads are compared with those of so many ``rollouts``, as in `status.assess`.
     """
     if all(snapshot.received is not None for snapshot in prediction.snapshots):
         return tuple(snapshot.received.statuses for snapshot in prediction.snapshots if snapshot.received)

@@ -59,25 +59,13 @@ def simulate(
     compute_budget: ComputeBudget,
     progress: Callable[[int, int], object] | None = None,
 ) -> Iterator[tuple[Mark, Any]]:
-    """Yield the carry at the start and at each of the marks.
+    """Yield the carry at the start and at each of the marks, which ascend.
 
-    Parameters
-    ----------
-    begin : callable
-        Makes the carry at time 0.
-    advance_through : callable
-        Takes a carry and marks, ascending, and makes the carries at these (`Propagator.advance_through`).
-    marks : list of Mark
-        Ascending.
-    scene : Scene
-    compute_budget : ComputeBudget
-    progress : callable, optional
-        As in `predict`.
+    ``begin`` makes the carry at time 0. ``advance_through`` takes a carry and marks, and makes the carries at
+    these (`Propagator.advance_through`). ``progress`` is as in `predict`.
 
-    Raises
-    ------
-    UncPhysicsError
-        That time ran out, or what ``progress`` raises; before, the carry that was reached is yielded, too.
+    Where time runs out, or ``progress`` raises an `UncPhysicsError`, the carry that was reached is yielded
+    before the error is raised.
     """
     last, horizon = marks[-1].count, marks[-1].time
     in_one_go = compute_budget.allowed is None and progress is None

@@ -47,18 +47,7 @@ def read_events(content, regions: Mapping[str, BoxRegion], place: str) -> Event:
 def read_event(entry, regions: Mapping[str, BoxRegion], place: str) -> Event:
     """Return the event of a mapping from its key to its object, or to its arguments; ``not`` negates it.
 
-    Parameters
-    ----------
-    entry : dict
-    regions : dict of BoxRegion
-        Regions that the event may name.
-    place : str
-        Name of the entry in error messages.
-
-    Raises
-    ------
-    UncPhysicsError
-        A subclass that names the argument and its value.
+    The event may name ``regions``. Errors call the entry ``place``, and name the argument and its value.
     """
     if isinstance(entry, dict) and list(entry) == ["not"]:
         return ~read_event(entry["not"], regions, f"{place}.not")

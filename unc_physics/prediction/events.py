@@ -49,13 +49,8 @@ def register_event(kind: Kind) -> Kind:
 def argument(description: str, default: Any = MISSING, *, positive: bool = False) -> Any:
     """Return a dataclass field of an event; without a default it is required.
 
-    Parameters
-    ----------
-    description : str
-        Its meaning with its unit, for the schema of files.
-    default : object, optional
-    positive : bool
-        Whether a number must be above 0, for the schema; the class checks it.
+    ``description`` is its meaning with its unit, and ``positive`` whether a number must be above 0. Both are
+    for the schema of files; the class checks the value.
     """
     return field(default=default, metadata={"description": description, "positive": positive})
 

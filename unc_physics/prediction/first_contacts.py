@@ -51,22 +51,9 @@ class Flights(NamedTuple):
 def first_contacts(
     scene: Scene, initial: Belief, marks: Sequence[Mark], samples: int, seed: int = 0
 ) -> list[Flights]:
-    """Let samples of a belief fly until they touch something; where a robot acts, they go on to the end.
+    """Let samples of a belief at time 0 fly until they touch something, up to each of the ascending marks.
 
-    Parameters
-    ----------
-    scene : Scene
-    initial : Belief
-        At time 0.
-    marks : sequence of Mark
-        Ascending.
-    samples, seed : int
-        How many, and the seed of the draws.
-
-    Returns
-    -------
-    list of Flights
-        One for each mark.
+    Where a robot acts, they go on to the end.
     """
     initial = constrain_belief(scene, initial)
     states, history = resolve_initial_overlap(scene, initial, draw(scene, initial, samples, seed))

@@ -18,20 +18,7 @@ _USUAL_CONTACTS = 8  # of a body, that each time's state holds
 
 
 def check_memory(scene: Scene, belief: Belief, propagator: Propagator, times: int) -> None:
-    """Refuse a prediction that takes more memory than there is.
-
-    Parameters
-    ----------
-    scene : Scene
-    belief : Belief
-    propagator : Propagator
-    times : int
-        At how many times a belief is wanted.
-
-    Raises
-    ------
-    LimitExceededError
-    """
+    """Raise `LimitExceededError` if a prediction at so many ``times`` takes more memory than there is."""
     bodies, things = len(scene.bodies), len(scene.bodies) + len(scene.environment)
     rollouts = _most_rollouts(scene, belief, propagator)
     state = _NUMBER * STATE * bodies

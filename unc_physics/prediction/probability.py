@@ -37,26 +37,10 @@ _found: weakref.WeakKeyDictionary[Snapshot, tuple[_Source, ...]] = weakref.WeakK
 
 
 def probability(scene: Scene, initial: Belief, snapshot: Snapshot, event: Event) -> Probability:
-    """Estimate how probable an event is at a snapshot's time.
+    """Estimate how probable an event is at a snapshot's time, by the method with the narrowest interval.
 
-    Parameters
-    ----------
-    scene : Scene
-    initial : Belief
-        The belief at time 0 that was given.
-    snapshot : Snapshot
-    event : Event
-        About bodies of the scene.
-
-    Returns
-    -------
-    Probability
-        Of the method with the narrowest interval.
-
-    Raises
-    ------
-    NotSupportedError
-        If the prediction comes from a node that was not asked for the event.
+    ``initial`` is the belief at time 0 that was given, and the event is about bodies of the scene. Raises
+    `NotSupportedError` if the prediction comes from a node that was not asked for the event.
     """
     if not event.needs_contacts and not event.names & {body.name for body in scene.bodies if body.free}:
         mean = RolloutOutcomes(scene, initial.mean, snapshot.belief.mean[None])

@@ -249,12 +249,7 @@ def rank_candidates(
 ) -> Ranking:
     """As `rank`, of scenes and beliefs by their names, with a Monte Carlo propagator.
 
-    Raises
-    ------
-    Failed
-        With what is wrong with one of them.
-    UncPhysicsError
-        Otherwise.
+    Raises `Failed` with what is wrong with one of them, and otherwise an `UncPhysicsError`.
     """
     count, rollouts = len(candidates), propagator.samples
     most: int = _budget(count, rollouts) if budget is None else integer(budget, "budget", low=1)

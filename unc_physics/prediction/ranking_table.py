@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 def ranking_as_dict(ranking: Ranking, also: Sequence[Event] = ()) -> dict[str, Any]:
     """Return a ranking as plain Python values, which JSON can hold.
 
-    Parameters
-    ----------
-    ranking : Ranking
-    also : sequence of Event
-        Further events, whose probabilities are added to each action.
+    The probabilities of further events, ``also``, are added to each action.
     """
     return {
         "score": str(ranking.score),
@@ -53,15 +49,9 @@ def _finite(value):
 
 
 def ranking_as_table(ranking: Ranking, also: Sequence[Event] = (), most: int | None = None) -> str:
-    """Return a table of the actions, the best one first.
+    """Return a table of the actions, the best one first, of at most ``most`` lines.
 
-    Parameters
-    ----------
-    ranking : Ranking
-    also : sequence of Event
-        Further events, each a column.
-    most : int, optional
-        Most lines; by default all actions are shown.
+    Each of the further events, ``also``, is a column.
     """
     width = max(6, *(len(printable(action.name)) for action in ranking))
     order = "lowest first" if ranking.smallest_first else "highest first"

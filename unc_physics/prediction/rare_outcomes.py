@@ -23,15 +23,10 @@ _SPREAD_FLOORS = 5e-5, 1e-3
 
 
 def tail_factor(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
-    """(B,): factor by which far outcomes widen the standard deviation of position or rotation.
+    """(B,): factor by which far outcomes widen a belief's standard deviation of position or rotation.
 
-    Parameters
-    ----------
-    scene : Scene
-    belief : Belief
-        The prediction.
-    wide : (R, B, 13) array
-        States at the same time, of rollouts that began with `balanced_monte_carlo.WIDE` times the spread.
+    ``wide`` (R, B, 13) are states at the same time, of rollouts that began with `balanced_monte_carlo.WIDE`
+    times the spread.
     """
     spreads = np.maximum(pose_spreads(belief.blocks), _SPREAD_FLOORS)
     result = np.ones(len(scene.bodies))

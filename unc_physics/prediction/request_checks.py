@@ -21,13 +21,7 @@ TIMES_LIMIT = 100_000
 
 
 def periodic_times(scene: Scene, period: float, horizon: float, field: str = "period") -> list[float]:
-    """Return the multiples of ``period`` before ``horizon`` [s].
-
-    Raises
-    ------
-    InvalidHorizonError, LimitExceededError
-        About the period, by the name ``field``, or the horizon.
-    """
+    """Return the multiples of ``period`` before ``horizon`` [s]; errors call the period ``field``."""
     step = _checked_mark(scene, period, field).time
     count = positive(horizon, "horizon", InvalidHorizonError) / step
     if count > TIMES_LIMIT:

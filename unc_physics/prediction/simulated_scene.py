@@ -64,13 +64,7 @@ def _without(scene, names):
 def without_idle_parts(scene: Scene, belief: Belief, horizon: float) -> Scene:
     """Return the scene without uncertain materials and errors of impacts if nothing can touch.
 
-    Parameters
-    ----------
-    scene : Scene
-    belief : Belief
-        At time 0.
-    horizon : float
-        [s]
+    The belief is that at time 0, and the horizon is in seconds.
     """
     idle = scene.draws_impacts or any(parameter.name in Materials._fields for parameter in scene.uncertain)
     if not idle or scene.acts or not _stay_apart(scene, belief, horizon):

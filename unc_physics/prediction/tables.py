@@ -32,19 +32,9 @@ def as_dict(
 ) -> dict[str, Any]:
     """Return a prediction as plain Python values, which JSON can hold.
 
-    Parameters
-    ----------
-    prediction : Prediction
-    seed : int, optional
-        Of the prediction, to be told with it.
-    samples : (N, B, 13) array, optional
-        Of the prediction at its horizon, to be told with it.
-
-    Returns
-    -------
-    dict
-        With the keys of ``unc_physics schema prediction``. Each body's ``start`` is its belief at time 0 that
-        was really used (`Prediction.start`).
+    The keys are those of ``unc_physics schema prediction``. Each body's ``start`` is its belief at time 0
+    that was really used (`Prediction.start`). ``samples`` (N, B, 13) at the horizon are added if they are
+    given.
     """
     scene = prediction.scene
     result = {
@@ -93,11 +83,7 @@ def _bodies(scene, belief):
 def as_table(prediction: Prediction, most: int | None = None) -> str:
     """Return the physics and a table of poses and standard deviations.
 
-    Parameters
-    ----------
-    prediction : Prediction
-    most : int, optional
-        Most lines: the last times are shown, and of one time the first bodies. By default all are.
+    Of at most ``most`` lines, the last times are shown, and of one time the first bodies.
     """
     first = f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"
     times, size = len(prediction.times), 2 + len(prediction.scene.bodies)

@@ -20,16 +20,8 @@ def advance_together(
 ) -> list[list[Any]]:
     """Return the carries of several scenes, for each of several marks (`Propagator.advance_through`).
 
-    Each of numba's threads advances a part of all rollouts, which may be of more than one scene.
-
-    Parameters
-    ----------
-    propagator : Propagator and Rollouts
-        Its rollouts are advanced in parts (`base.Rollouts`).
-    carries : sequence of NamedTuple
-        After as many steps each.
-    scenes : sequence of Scene
-    marks : sequence of Mark
+    The carries have done equally many steps. Each of numba's threads advances a part of all rollouts
+    (`base.Rollouts`), which may be of more than one scene.
     """
     counts = [rollout_count(carry) for carry in carries]
     ends = np.cumsum(counts)

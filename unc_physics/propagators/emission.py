@@ -318,14 +318,6 @@ def _along(runs, scene, found):
 def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
     """(S, B, 13): states of the models' centres of mass for standard normal numbers ``z`` (S, r + K).
 
-    Parameters
-    ----------
-    runs : Runs
-    scene : Scene
-    z : (S, r + K) array
-
-    Notes
-    -----
     A sample of a group that met something is the outcome of the nearest rollout, moved by the surface.
     Contacts of the implicit integrator are hard: there, the nearest rollout takes the place of a sample that
     reaches deeper into something than all rollouts do.

@@ -193,14 +193,9 @@ def _second_part(x):
 
 
 def _directions_between_means(x, starts):
-    """(d, K): unit vectors from one mean to the other, by k-means with two means for each start.
+    """(d, K): unit vectors from one of two means of points ``x`` (S, d) to the other, by k-means.
 
-    Parameters
-    ----------
-    x : (S, d) array
-        Points about 0.
-    starts : (d, K) array
-        Normals of the planes that divide the points at first.
+    The points are about 0. ``starts`` (d, K) are normals of the planes that divide the points at first.
     """
     second, ways = x @ starts > 0.0, starts
     for _ in range(_ROUNDS):

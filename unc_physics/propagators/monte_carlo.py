@@ -86,17 +86,10 @@ class MonteCarlo(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands):
     def start_rollouts(
         self, scene: Scene, belief: Belief, states: np.ndarray, first: int = 0
     ) -> MonteCarloCarry:
-        """Return the carry at time 0 of rollouts from given states.
+        """Return the carry at time 0 of rollouts from states (N, B, 13) that represent a belief.
 
-        Parameters
-        ----------
-        scene : Scene
-        belief : Belief
-            That the states represent; overlap is removed in its metric.
-        states : (N, B, 13) array
-        first : int, optional
-            Number of the first rollout: each one has draws of its own for uncertain parameters and errors of
-            impacts.
+        Overlap is removed in the belief's metric. ``first`` is the number of the first rollout: each one has
+        draws of its own for uncertain parameters and errors of impacts.
         """
         count = len(states)
         states, history = resolve_initial_overlap(scene, belief, states)

@@ -48,14 +48,10 @@ class Reduction(NamedTuple):
 
 
 def reduction(root: np.ndarray, parameters: int = 0) -> Reduction:
-    """The reduction of bodies that meet only each other.
+    """Return the reduction of bodies that meet only each other.
 
-    Parameters
-    ----------
-    root : (12 M, k) array
-        Errors of the M bodies that each of k independent standard normal numbers makes.
-    parameters : int
-        How many uncertain parameters of the scene follow these numbers in z; all of them matter.
+    ``root`` (12 M, k) has the errors of the M bodies that each of k independent standard normal numbers
+    makes. So many uncertain ``parameters`` of the scene follow these numbers in z; all of them matter.
     """
     count, size = len(root) // ERROR, root.shape[1]
     errors = root.reshape(count, ERROR, size)

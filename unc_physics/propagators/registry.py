@@ -77,12 +77,7 @@ def _made(name, options):
 def propagator_from_texts(
     name: str, options: dict[str, Any], samples: int | None = None, seed: int | None = None
 ) -> Propagator:
-    """A propagator from options whose values may be texts; samples and seed are left out where it takes none.
-
-    Raises
-    ------
-    UnknownPropagatorError, InvalidOptionError, LimitExceededError
-    """
+    """Return a propagator from options that may be texts; samples and seed only where it takes them."""
     options = dict(options)
     known = (
         {}

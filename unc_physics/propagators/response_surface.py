@@ -53,20 +53,12 @@ class ResponseSurface(NamedTuple):
 
 
 def fit(x: np.ndarray, y: np.ndarray, like: ResponseSurface | None = None) -> ResponseSurface:
-    """The surface through outcomes ``y`` (N, K) at ``x`` (N, d).
+    """Return the surface through outcomes ``y`` (N, K) at ``x`` (N, d).
 
-    Parameters
-    ----------
-    x : (N, d) array
-    y : (N, K) array
-    like : ResponseSurface, optional
-        One through the same outcomes in other coordinates, by whose length and nugget the search begins.
-
-    Notes
-    -----
     All outputs share one length and one nugget. They minimize the mean square error of leaving one rollout
-    out, which has a closed form (Rasmussen and Williams 2006, 5.4.2); the search ends at a local minimum. The
-    trend is linear from 3 (d + 1) rollouts on, and its coefficients are estimated along.
+    out, which has a closed form (Rasmussen and Williams 2006, 5.4.2). The search begins by those of a surface
+    ``like`` it, through the same outcomes in other coordinates, and ends at a local minimum. The trend is
+    linear from 3 (d + 1) rollouts on, and its coefficients are estimated along.
     """
     x, y = np.ascontiguousarray(x[:_MOST]), np.ascontiguousarray(y[:_MOST])
     count, size = x.shape
@@ -84,19 +76,11 @@ def fit(x: np.ndarray, y: np.ndarray, like: ResponseSurface | None = None) -> Re
 
 
 def smoother(surface: ResponseSurface, columns: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the linear map from outcomes to the surface at points ``at`` (S, d), and the nearest rollouts.
+    """Return the linear map (S, n) from outcomes to the surface at points ``at`` (S, d).
 
-    Parameters
-    ----------
-    surface : ResponseSurface
-    columns : (d, N) array
-        Points of all rollouts, of which the surface goes through the first n.
-    at : (S, d) array
-
-    Returns
-    -------
-    (S, n) array, (S,) array
-        ``map @ y`` is the surface through any outcomes ``y`` (n, K) with the same length and nugget.
+    The nearest rollouts (S,) are returned with it. ``map @ y`` is the surface through any outcomes ``y`` (n,
+    K) with the same length and nugget. ``columns`` (d, N) are the points of all rollouts, of which the
+    surface goes through the first n.
     """
     return predicted(surface.kriging, surface.coefficients, surface.length, columns, at)
 

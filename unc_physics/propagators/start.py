@@ -97,22 +97,11 @@ def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
 def resolve_initial_overlap(
     scene: Scene, belief: Belief, states: np.ndarray
 ) -> tuple[np.ndarray, ContactHistory]:
-    """Move states that were drawn from a belief out of overlap, and let bodies at rest settle.
+    """Move states (N, B, 13) that were drawn from a belief out of overlap, and let bodies at rest settle.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its ``overlap`` says whether what overlaps is projected away (`initialization.projection`); bodies
-        ``at_rest`` then settle on what is below them.
-    belief : Belief
-        As `constrain_belief` returns it.
-    states : (N, B, 13) array
-
-    Returns
-    -------
-    states : (N, B, 13) array
-    history : ContactHistory
-        With the kept overlaps, and in ``start`` what was done.
+    The scene's ``overlap`` says whether what overlaps is projected away (`initialization.projection`); bodies
+    ``at_rest`` then settle on what is below them. The belief is as `constrain_belief` returns it. The history
+    that is returned with the states has the kept overlaps, and in ``start`` what was done.
     """
     world = scene.world
     history = histories.fresh(len(states), world)
@@ -139,23 +128,11 @@ def resolve_initial_overlap(
 def move_out_of_overlap(
     scene: Scene, belief: Belief, states: np.ndarray, bodies: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Move some bodies of states out of overlap, at any time; the others stay where they are.
+    """Move some ``bodies`` of states (N, B, 13) out of overlap, at any time; the others stay where they are.
 
-    Parameters
-    ----------
-    scene : Scene
-        With the implicit integrator.
-    belief : Belief
-        Its covariance is the metric in which poses without overlap are the nearest.
-    states : (N, B, 13) array
-    bodies : sequence of int
-        Indices of those that move.
-
-    Returns
-    -------
-    states : (N, B, 13) array
-    kept : (N, B, B + E) array
-        Overlaps that could not come free [m].
+    The scene has the implicit integrator. The belief's covariance is the metric in which poses without
+    overlap are the nearest. Returned are the states, and the overlaps (N, B, B + E) that could not come free
+    [m].
     """
     states, history = states.copy(), histories.fresh(len(states), scene.world)
     kept = np.zeros(history.first_time.shape, np.float32)

@@ -33,12 +33,8 @@ _shape_of: weakref.WeakKeyDictionary[SpherePacking, CollisionShape] = weakref.We
 def known_mass(mass: float | None, model: SpherePacking, fixed: bool, field: str) -> float:
     """Return a body's mass [kg]: the given mass, or the model's.
 
-    A fixed body needs no mass; without one it is 1, which has no effect.
-
-    Raises
-    ------
-    InvalidMassError, NotFiniteError
-        If the mass is not a positive finite number, or is missing and the model has none.
+    Raises `InvalidMassError` or `NotFiniteError`. A fixed body needs no mass; without one it is 1, which has
+    no effect.
     """
     if mass is not None:
         mass = positive(mass, field, InvalidMassError)

@@ -90,17 +90,7 @@ class Surface:
 def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestError) -> None:
     """Check the numbers of a `Surface` or of a scene, and convert them to floats.
 
-    Parameters
-    ----------
-    thing : frozen dataclass
-    of : str
-        Suffix of the field's name in error messages.
-    error : type of UncPhysicsError
-
-    Raises
-    ------
-    UncPhysicsError
-        Of the given type, or `NotFiniteError`.
+    ``of`` ends the field's name in errors, which are of the type ``error``, or `NotFiniteError`.
     """
     material = _material(getattr(thing, "material", None), f"material{of}", error)
     for name, check in (("friction", non_negative), ("restitution", share)):
@@ -136,12 +126,8 @@ def _material(name, field, error):
 def refuse_with_explicit(thing, place="") -> None:
     """Raise `InvalidOptionError` if an option is set that the explicit step does not support.
 
-    Parameters
-    ----------
-    thing : object
-        Surface, scene or settings; only its fields listed in `_EXPLICIT` are checked.
-    place : str
-        Prefix of the field's name in error messages.
+    Of a surface, a scene or settings, only fields listed in `_EXPLICIT` are checked; ``place`` begins their
+    names.
     """
     for name, own in _EXPLICIT.items():
         value = getattr(thing, name, None)
@@ -156,15 +142,9 @@ def refuse_with_explicit(thing, place="") -> None:
 
 
 def combined(shared, surfaces, restitution) -> Materials:
-    """Return the materials of surfaces: their own values, or else the shared ones.
+    """Return the materials of surfaces: their own values, or else those of ``shared``.
 
-    Parameters
-    ----------
-    shared : object
-        Object whose ``friction`` and ``restitution`` are the shared values; None means none.
-    surfaces : sequence of Surface
-    restitution : float
-        Default restitution; the default friction is 0.
+    The defaults are a friction of 0 and the given ``restitution``.
     """
 
     def of_all(name, absent):

@@ -38,17 +38,7 @@ _CERTAIN = 1e-14  # share of the largest variance of a rotation below which an a
 def gaussian_at_origins(belief: Belief, origins: np.ndarray) -> Belief:
     """Return the moments at other points of the bodies if the belief at the COMs is exactly Gaussian.
 
-    Parameters
-    ----------
-    belief : Belief
-        At the COMs, with M moving bodies.
-    origins : (B, 3) array
-        The points, body frames [m].
-
-    Returns
-    -------
-    Belief
-        At the points; rotations and their errors are those of ``belief``.
+    ``origins`` (B, 3) are the points in body frames [m]. Rotations and their errors stay those of ``belief``.
 
     Notes
     -----
@@ -71,20 +61,10 @@ def gaussian_at_origins(belief: Belief, origins: np.ndarray) -> Belief:
 
 
 def states_at_origins(belief: Belief, states: np.ndarray, origins: np.ndarray) -> Belief:
-    """Return the moments at other points of the bodies from equally probable states.
+    """Return the moments of `gaussian_at_origins` from equally probable states.
 
-    Parameters
-    ----------
-    belief : Belief
-        At the COMs. It may differ from the moments of the states: then the difference is mapped linearly.
-    states : (N, B, 13) array
-    origins : (B, 3) array
-        The points, body frames [m].
-
-    Returns
-    -------
-    Belief
-        At the points; rotations and their errors are those of ``belief``.
+    The belief at the COMs may differ from the moments of the states (N, B, 13): then the difference is mapped
+    linearly.
     """
     mean, moving = _linear_mean(belief.mean, origins), belief.moving
     if not len(moving):
@@ -115,23 +95,10 @@ def states_at_origins(belief: Belief, states: np.ndarray, origins: np.ndarray) -
 
 
 def points_at_origins(belief: Belief, points: np.ndarray, odd: np.ndarray, origins: np.ndarray) -> Belief:
-    """Return the moments at other points of the bodies from sigma points.
+    """Return the moments of `gaussian_at_origins` from sigma points.
 
-    Parameters
-    ----------
-    belief : Belief
-        At the COMs.
-    points : (2 n + 1, B, 13) array
-        States of the sigma points.
-    odd : (n, M, 12) array
-        Half the differences of opposite points, as errors.
-    origins : (B, 3) array
-        The points, body frames [m].
-
-    Returns
-    -------
-    Belief
-        At the points; rotations and their errors are those of ``belief``.
+    ``points`` (2 n + 1, B, 13) are their states, and ``odd`` (n, M, 12) half the differences of opposite
+    ones, as errors.
 
     Notes
     -----

@@ -209,13 +209,7 @@ def with_chosen_stiffness(options, bodies, mean) -> dict:
 
 
 def load_environment(path: str | Path) -> tuple[Element, ...]:
-    """Return the elements of a file's key ``environment``; its other keys, as of a scene file, are ignored.
-
-    Raises
-    ------
-    UncPhysicsError
-        A subclass that names field and value, if the file does not describe an environment.
-    """
+    """Return the elements of a file's key ``environment``; its other keys are ignored."""
     content = read_yaml(path, "environment file")
     if not isinstance(content, dict) or "environment" not in content:
         raise InvalidEnvironmentError("must have the key 'environment'", field=str(path))

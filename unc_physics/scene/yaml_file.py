@@ -118,12 +118,9 @@ def _check_size(text):
 
 
 def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
-    """Return the content of a YAML file; ``kind`` names it in error messages.
+    """Return the content of a YAML file; ``kind`` names it in errors.
 
-    Raises
-    ------
-    InvalidRequestError, LimitExceededError
-        If the file cannot be read or is not YAML.
+    Raises `InvalidRequestError` or `LimitExceededError` if the file cannot be read or is not YAML.
     """
     instance(path, (str, os.PathLike), "path")
     path = Path(path)

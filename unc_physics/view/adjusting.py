@@ -67,12 +67,7 @@ def adjusted(scene: Scene, belief: Belief, values: dict[str, float]) -> tuple[Sc
     """Return the scene and the belief with new values of quantities, by key.
 
     A new standard deviation scales the belief's own and keeps correlations. If the belief has none, all
-    moving bodies get the new value.
-
-    Raises
-    ------
-    UncPhysicsError
-        If the values are invalid for the scene.
+    moving bodies get the new value. Raises `UncPhysicsError` if the values are invalid for the scene.
     """
     materials = {key: values[key] for key in _MATERIALS if key in values}
     if materials:

@@ -27,14 +27,9 @@ def joined_spheres(model: SpherePacking, count: int, subdivisions: int) -> tuple
 
 
 def fitted_mesh(path: str | os.PathLike[str], model: SpherePacking) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and triangles of the mesh from which a model was packed, body frame [m].
+    """Return vertices and triangles of the mesh from which a model was packed, scaled to it, body frame [m].
 
-    The mesh is scaled to the model.
-
-    Raises
-    ------
-    InvalidMeshError
-        If the file is not a mesh, or its proportions differ from the model.
+    Raises `InvalidMeshError` if the file is not a mesh, or its proportions differ from the model.
     """
     from ..geometry.solid_mesh import read_mesh
 

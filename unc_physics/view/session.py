@@ -83,12 +83,7 @@ class Session:
         self._values = {}
 
     def predict(self) -> AnimationFrames:
-        """Predict the current scene with the current choices and adjustments.
-
-        Raises
-        ------
-        UncPhysicsError
-        """
+        """Predict the current scene with the current choices and adjustments."""
         self.scene, belief = self._given
         scene, belief = adjusted(self.scene, belief, self._values)
         steps = max(round(self._horizon / scene.dt), 1)
