@@ -20,57 +20,30 @@ _PARTLY_HOLLOW = 1.2
 
 
 class Model(NamedTuple):
-    """What predictions of recorded motions are made with.
+    """What predictions of recorded motions are made with."""
 
-    Attributes
-    ----------
-    scene : Scene
-        Of one body.
-    position_noise : float
-        By how much the poses that a start is fitted to err, each independently, along each axis [m].
-    rotation_noise : float
-        Likewise of their rotations [rad].
-    """
-
-    scene: Scene
+    scene: Scene  # of one body
+    #: by how much the poses that a start is fitted to err, each independently, along each axis [m]
     position_noise: float
-    rotation_noise: float
+    rotation_noise: float  # likewise of their rotations [rad]
 
 
 @dataclass(frozen=True)
 class Adjustable:
-    """A number that calibration can fit, with its prior.
-
-    Attributes
-    ----------
-    name, unit, about : str
-    low, high : float
-        Bounds of the search.
-    prior_std : float
-        Standard deviation of the prior; of the logarithm where ``relative``.
-    get : callable
-        Its value in a `Model`.
-    put : callable
-        The `Model` with another value.
-    relative : bool
-        Whether it is sought on a logarithmic scale.
-    typical : float
-        Median of the prior where the scene gives none.
-    keeps_scene : bool
-        Whether the scene's value, if it is not 0, is the median of the prior.
-    """
+    """A number that calibration can fit, with its prior."""
 
     name: str
     unit: str
     about: str
+    #: low, high: bounds of the search
     low: float
     high: float
-    prior_std: float
-    get: Callable[[Model], float]
-    put: Callable[[Model, float], Model]
-    relative: bool = False
-    typical: float = 0.0
-    keeps_scene: bool = True
+    prior_std: float  # standard deviation of the prior; of the logarithm where ``relative``
+    get: Callable[[Model], float]  # its value in a `Model`
+    put: Callable[[Model, float], Model]  # the `Model` with another value
+    relative: bool = False  # whether it is sought on a logarithmic scale
+    typical: float = 0.0  # median of the prior where the scene gives none
+    keeps_scene: bool = True  # whether the scene's value, if it is not 0, is the median of the prior
 
     def prior_median(self, model: Model) -> float:
         """Median of the prior under a model, where the search begins."""

@@ -188,19 +188,12 @@ def with_noise(scene: Scene, motions: Sequence[Recorded]) -> Model:
 
 
 class Fit(NamedTuple):
-    """What `fit_model` found.
+    """What `fit_model` found."""
 
-    Attributes
-    ----------
-    model : Model
-        With the fitted values; what motions leave open of friction and restitution is part of their spread.
-    fitted : tuple of Fitted
-    scores : (float, float)
-        Mean scores of the motions before and after, without the penalty.
-    """
-
+    #: with the fitted values; what motions leave open of friction and restitution is part of their spread
     model: Model
     fitted: tuple[Fitted, ...]
+    #: (float, float): mean scores of the motions before and after, without the penalty
     scores: tuple[float, float]
 
 

@@ -40,30 +40,18 @@ _STEP = 5e-3  # of free turning [s]
 
 
 class FlightStart(NamedTuple):
-    """What a motion's first poses tell of its state at time 0.
+    """What a motion's first poses tell of its state at time 0."""
 
-    Attributes
-    ----------
-    state : (13,) array
-        As in `Belief`.
-    position_factor, rotation_factor : (12, 12) arrays
-        Covariance of the error state for positions that err by 1 m, and for rotations by 1 rad, each pose
-        independently.
-    frames : int
-        Number of the poses.
-    position_squares, rotation_squares : float
-        Sums of the squared residuals [m^2], [rad^2].
-    freedom : int
-        Their degrees of freedom.
-    """
-
-    state: np.ndarray
+    state: np.ndarray  # (13,): as in `Belief`
+    #: position_factor, rotation_factor: (12, 12): covariance of the error state for positions that err
+    #: by 1 m, and for rotations by 1 rad, each pose independently
     position_factor: np.ndarray
     rotation_factor: np.ndarray
-    frames: int
+    frames: int  # number of the poses
+    #: position_squares, rotation_squares: sums of the squared residuals [m^2], [rad^2]
     position_squares: float
     rotation_squares: float
-    freedom: int
+    freedom: int  # their degrees of freedom
 
     def belief(self, position_noise: float, rotation_noise: float) -> Belief:
         """The belief at time 0, of poses that err by so much [m], [rad]."""

@@ -55,22 +55,12 @@ class Start(Protocol):
 
 
 class Recorded(NamedTuple):
-    """A motion as it is scored.
-
-    Attributes
-    ----------
-    motion : Motion
-    start : Start
-    times : tuple of float
-        At which predictions are compared with it [s]; the last is its end.
-    poses : tuple of (7,) arrays
-        At these times.
-    """
+    """A motion as it is scored."""
 
     motion: Motion
     start: Start
-    times: tuple[float, ...]
-    poses: tuple[np.ndarray, ...]
+    times: tuple[float, ...]  # at which predictions are compared with it [s]; the last is its end
+    poses: tuple[np.ndarray, ...]  # (7,) each, at these times
 
 
 def recorded(
@@ -117,24 +107,15 @@ def as_recorded(states: Sequence[np.ndarray], model: Model, seed: int) -> list[n
 
 
 class Scores(NamedTuple):
-    """Of one motion.
+    """Scores of one motion."""
 
-    Attributes
-    ----------
-    position, rotation : (T,) arrays
-        Energy scores at its times [m], [rad].
-    density : float
-        Mean logarithmic score of positions and rotations at all times (`scores.gaussian_scores`).
-    lies : float
-        Brier score of whether the same side is up at the end.
-    position_rank, rotation_rank : (T,) arrays
-        Mahalanobis ranks (`scores.gaussian_scores`).
-    """
-
+    #: position, rotation: (T,): energy scores at its times [m], [rad]
     position: np.ndarray
     rotation: np.ndarray
+    #: mean logarithmic score of positions and rotations at all times (`scores.gaussian_scores`)
     density: float
-    lies: float
+    lies: float  # Brier score of whether the same side is up at the end
+    #: position_rank, rotation_rank: (T,): Mahalanobis ranks (`scores.gaussian_scores`)
     position_rank: np.ndarray
     rotation_rank: np.ndarray
 
@@ -162,26 +143,14 @@ def scored(states: Sequence[np.ndarray], poses: Sequence[np.ndarray]) -> Scores:
 
 @dataclass
 class Objective:
-    """One number for a model, the lower the better; and one for each motion.
-
-    Attributes
-    ----------
-    recorded : sequence of Recorded
-    samples : int
-        Of each motion.
-    seed : int
-        Motion k has the same draws, whatever the model.
-    simulate : callable
-        Makes the predictions.
-    weights : (float, float)
-        Of `Scores.density` and of `Scores.lies`, beside the energy scores, each over what it is under the
-        first model that is asked for.
-    """
+    """One number for a model, the lower the better; and one for each motion."""
 
     recorded: Sequence[Recorded]
-    samples: int
-    seed: int = 0
-    simulate: Simulator = simulated
+    samples: int  # of each motion
+    seed: int = 0  # motion k has the same draws, whatever the model
+    simulate: Simulator = simulated  # makes the predictions
+    #: (float, float): of `Scores.density` and of `Scores.lies`, beside the energy scores, each over what it
+    #: is under the first model that is asked for
     weights: tuple[float, float] = WEIGHTS
     _unit: list[np.ndarray] = field(default_factory=list)
 

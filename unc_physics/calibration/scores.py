@@ -78,18 +78,12 @@ def up(quaternions: np.ndarray) -> np.ndarray:
 
 
 class PoseErrors(NamedTuple):
-    """Samples of a pose, and what came, as errors from the samples' mean.
+    """Samples of a pose, and what came, as errors from the samples' mean."""
 
-    Attributes
-    ----------
-    position, rotation : (..., n, 3) arrays
-        Of the samples, world axes [m] and body axes [rad].
-    seen_position, seen_rotation : (..., 3) arrays
-        Of what came.
-    """
-
+    #: position, rotation: (..., n, 3): of the samples, world axes [m] and body axes [rad]
     position: np.ndarray
     rotation: np.ndarray
+    #: seen_position, seen_rotation: (..., 3): of what came
     seen_position: np.ndarray
     seen_rotation: np.ndarray
 

@@ -27,36 +27,19 @@ _LEAST_CURVATURE = 0.1  # of a correlation matrix's eigenvalues, from below
 
 
 class Estimate(NamedTuple):
-    """Fitted values in standard deviations of their priors, and how certain they are: (K,) arrays.
-
-    Attributes
-    ----------
-    x : array
-    stds : array
-        Standard deviations, at most those of the priors.
-    determined : array of bool
-        Whether motions say more of the value than its prior.
-    """
+    """Fitted values in standard deviations of their priors, and how certain they are: (K,) arrays."""
 
     x: np.ndarray
-    stds: np.ndarray
-    determined: np.ndarray
+    stds: np.ndarray  # standard deviations, at most those of the priors
+    determined: np.ndarray  # whether motions say more of the value than its prior
 
 
 class _Axis(NamedTuple):
-    """The score of each of M motions along one coordinate, about the middle.
+    """The score of each of M motions along one coordinate, about the middle."""
 
-    Attributes
-    ----------
-    step : float
-        Where it was looked at beside the middle; negative where a bound is in the way.
-    beside : (M,) array
-        Scores one step away.
-    slope, curvature : (M,) arrays
-    """
-
-    step: float
-    beside: np.ndarray
+    step: float  # where it was looked at beside the middle; negative where a bound is in the way
+    beside: np.ndarray  # (M,): scores one step away
+    #: slope, curvature: (M,)
     slope: np.ndarray
     curvature: np.ndarray
 

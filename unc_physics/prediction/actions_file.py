@@ -27,28 +27,15 @@ _READ: dict[str, Callable[[Any, str], Any]] = {"trajectory": read_path, "wrenche
 
 
 class LoadedActions(NamedTuple):
-    """Content of a file of actions.
-
-    Attributes
-    ----------
-    scene : Scene
-    belief : Belief
-    horizon : float or None
-        The file's own [s], or else the scene file's.
-    actions : dict of Action
-    score : Event
-    smallest_first : bool
-    also : tuple of Event
-        Further events, whose probabilities are reported for each action.
-    """
+    """Content of a file of actions."""
 
     scene: Scene
     belief: Belief
-    horizon: float | None
+    horizon: float | None  # the file's own [s], or else the scene file's
     actions: dict[str, Action]
     score: Event
     smallest_first: bool
-    also: tuple[Event, ...]
+    also: tuple[Event, ...]  # further events, whose probabilities are reported for each action
 
 
 def load_actions(

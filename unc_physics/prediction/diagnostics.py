@@ -45,35 +45,17 @@ _QUANTITIES, _UNITS = ("position", "rotation"), ("m", "rad")  # that spreads are
 
 
 class Rule(NamedTuple):
-    """A measure.
+    """A measure."""
 
-    Attributes
-    ----------
-    flag : Status
-        That it raises.
-    limit : float
-        Above which it does.
-    words : str
-        What that says, with what to do; ``{detail}`` stands for the quantity and its values.
-    compute : callable
-        Takes the `Evidence` and gives values (B,), or None.
-    unit : str
-        Of the measure; empty for a share or a factor.
-    detail : callable or None
-        Takes the `Evidence` and a body's index, and gives the ``detail`` of the words.
-    in_contact : bool
-        Whether it is one of bodies that touched something alone.
-    unless_compared : bool
-        Whether it raises no flag where the spread was compared with that of rollouts, which tell more.
-    """
-
-    flag: Status
-    limit: float
-    words: str
-    compute: Callable[[Evidence], np.ndarray | None]
-    unit: str
+    flag: Status  # that it raises
+    limit: float  # above which it does
+    words: str  # what that says, with what to do; ``{detail}`` stands for the quantity and its values
+    compute: Callable[[Evidence], np.ndarray | None]  # takes the `Evidence` and gives values (B,), or None
+    unit: str  # of the measure; empty for a share or a factor
+    #: takes the `Evidence` and a body's index, and gives the ``detail`` of the words
     detail: Callable[[Evidence, int], str] | None
-    in_contact: bool
+    in_contact: bool  # whether it is one of bodies that touched something alone
+    #: whether it raises no flag where the spread was compared with that of rollouts, which tell more
     unless_compared: bool
 
 

@@ -34,20 +34,13 @@ _OUTCOMES_AT_ONCE = 8192  # outcomes of several times in which events are looked
 
 
 class Run(NamedTuple):
-    """Result of propagating a belief.
+    """Result of propagating a belief."""
 
-    Attributes
-    ----------
-    initial, start : Belief
-        That was given, with prescribed bodies on their paths; and that was really used.
-    snapshots : tuple of Snapshot
-    points_history : ContactHistory or None
-        Of the points at time 0, of a propagator with a single nominal rollout on the implicit step.
-    """
-
+    #: initial, start: that was given, with prescribed bodies on their paths; and that was really used
     initial: Belief
     start: Belief
     snapshots: tuple[Snapshot, ...]
+    #: of the points at time 0, of a propagator with a single nominal rollout on the implicit step
     points_history: ContactHistory | None
 
 

@@ -56,26 +56,15 @@ def argument(description: str, default: Any = MISSING, *, positive: bool = False
 
 
 class RolloutOutcomes(NamedTuple):
-    """Equally probable outcomes of a scene up to one time.
-
-    Attributes
-    ----------
-    scene : Scene
-    start : (B, 13) array
-        The given mean at time 0.
-    states : (N, B, 13) array
-        At that time, as in `Belief.mean`.
-    first_contacts : (N, B, B + E) array or None
-        Times of first contacts [s], as in `ContactHistory`; None where they are not known.
-    known_until : (N, B) array or None
-        Time from which on nothing is known of a body [s], infinite for one that is known to the end; None
-        where all are.
-    """
+    """Equally probable outcomes of a scene up to one time."""
 
     scene: Scene
-    start: np.ndarray
-    states: np.ndarray
+    start: np.ndarray  # (B, 13): the given mean at time 0
+    states: np.ndarray  # (N, B, 13): at that time, as in `Belief.mean`
+    #: (N, B, B + E): times of first contacts [s], as in `ContactHistory`; None where they are not known
     first_contacts: np.ndarray | None = None
+    #: (N, B): time from which on nothing is known of a body [s], infinite for one that is known to the
+    #: end; None where all are
     known_until: np.ndarray | None = None
 
     def known_until_of(self, names: Iterable[str]) -> np.ndarray:

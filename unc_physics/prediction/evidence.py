@@ -43,80 +43,47 @@ _shapes = WeakKeyDictionary()
 
 
 class InitialDiagnostics(NamedTuple):
-    """Diagnostics of the start, which all times share.
+    """Diagnostics of the start, which all times share."""
 
-    Attributes
-    ----------
-    mean : (B, 13) array
-    blocks : (M, 12, 12) array
-        Covariance of each moving body.
-    mass : (B,) array
-        0 of a fixed body [kg].
-    shapes : (B, 4) array
-        Least and largest inertia over mass [m^2], radius of the largest sphere, and bounding radius [m].
-    overlap : (B,) array
-        [m]
-    energy, least_energy : (B,) array
-        Upper bound of the energy, and lower bound of the kinetic energy [J]; the latter allows for the
-        sampling error of the mean.
-    samples : float or None
-        Number of samples that a belief is the mean of; infinite for chosen points, None for a single rollout.
-    directions : (M,) array or None
-        Number of directions along which points are spread; None without points.
-    found : InitialAdjustment or None
-        Adjustments of points or samples at time 0; None for the explicit integrator.
-    kept_overlaps : (B, B + E) array
-        Deepest overlap of each pair that could not be removed [m].
-    """
-
-    mean: np.ndarray
-    blocks: np.ndarray
-    mass: np.ndarray
+    mean: np.ndarray  # (B, 13)
+    blocks: np.ndarray  # (M, 12, 12): covariance of each moving body
+    mass: np.ndarray  # (B,): 0 of a fixed body [kg]
+    #: (B, 4): least and largest inertia over mass [m^2], radius of the largest sphere, and bounding
+    #: radius [m]
     shapes: np.ndarray
-    overlap: np.ndarray
+    overlap: np.ndarray  # (B,) [m]
+    #: energy, least_energy: (B,): upper bound of the energy, and lower bound of the kinetic energy [J];
+    #: the latter allows for the sampling error of the mean
     energy: np.ndarray
     least_energy: np.ndarray
+    #: number of samples that a belief is the mean of; infinite for chosen points, None for a single rollout
     samples: float | None
+    #: (M,): number of directions along which points are spread; None without points
     directions: np.ndarray | None
-    found: Any
-    kept_overlaps: np.ndarray
+    found: Any  # adjustments of points or samples at time 0; None for the explicit integrator
+    kept_overlaps: np.ndarray  # (B, B + E): deepest overlap of each pair that could not be removed [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Data by which one snapshot is judged.
-
-    Attributes
-    ----------
-    scene : Scene
-    propagator : Propagator
-    start : InitialDiagnostics
-    snapshot : Snapshot
-    history : ContactHistory
-        Of the propagator's rollouts, up to the snapshot's time.
-    states : (N, B, 13) array or None
-        Those of simulated rollouts; None where they are not equally probable.
-    asymmetries : (B, 2) array or None
-        Spread of points in opposite pairs, over that of what is opposite in them, of position and rotation;
-        None without such points.
-    spreads : (M, 2) array or None
-        Standard deviations of position [m] and rotation [rad] of rollouts; None where none were asked.
-    wide : (R, B, 13) array or None
-        States of rollouts of a belief that is twice as wide; None where none were asked.
-    left_out : tuple of str
-        As `Prediction.left_out`.
-    """
+    """Data by which one snapshot is judged."""
 
     scene: Scene
     propagator: Propagator
     start: InitialDiagnostics
     snapshot: Snapshot
-    history: ContactHistory
+    history: ContactHistory  # of the propagator's rollouts, up to the snapshot's time
+    #: (N, B, 13): those of simulated rollouts; None where they are not equally probable
     states: np.ndarray | None
+    #: (B, 2): spread of points in opposite pairs, over that of what is opposite in them, of position
+    #: and rotation; None without such points
     asymmetries: np.ndarray | None
+    #: (M, 2): standard deviations of position [m] and rotation [rad] of rollouts; None where none were
+    #: asked
     spreads: np.ndarray | None = None
+    #: (R, B, 13): states of rollouts of a belief that is twice as wide; None where none were asked
     wide: np.ndarray | None = None
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()  # as `Prediction.left_out`
 
     @classmethod
     def of(cls, prediction: Prediction, start: InitialDiagnostics, snapshot: Snapshot) -> Evidence:

@@ -28,23 +28,15 @@ from ..scene.scene import Scene
 
 
 class Flights(NamedTuple):
-    """N equally probable flights up to one time.
+    """N equally probable flights up to one time."""
 
-    Attributes
-    ----------
-    states : (N, B, 13) array
-        At that time; of a body that touched something, just after it did.
-    first_contacts : (N, B, B + E) array
-        Time of the first contact of bodies i < j, or of body i and element j - B [s]; infinite without one.
-        A body that was stopped can still be touched: such a contact is later than its time in
-        ``known_until``.
-    known_until : (N, B) array
-        Time at which each body first touched something [s]; infinite for one that flew until then, or is
-        fixed.
-    """
-
-    states: np.ndarray
+    states: np.ndarray  # (N, B, 13): at that time; of a body that touched something, just after it did
+    #: (N, B, B + E): time of the first contact of bodies i < j, or of body i and element j - B [s];
+    #: infinite without one. A body that was stopped can still be touched: such a contact is later than its
+    #: time in ``known_until``.
     first_contacts: np.ndarray
+    #: (N, B): time at which each body first touched something [s]; infinite for one that flew until
+    #: then, or is fixed
     known_until: np.ndarray
 
 

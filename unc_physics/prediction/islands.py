@@ -40,27 +40,13 @@ _ROUND_OFF = 1e-9  # relative growth of energy that is no surprise
 
 
 class Island(NamedTuple):
-    """Bodies that are predicted together.
+    """Bodies that are predicted together."""
 
-    Attributes
-    ----------
-    bodies : (b,) int64 array
-        Ascending indices; the fixed ones are those within reach.
-    scene : Scene
-        Of these bodies.
-    carry : NamedTuple
-        The propagator's, at the beginning of the slice.
-    energy : float
-        The most kinetic energy seen at the beginning of a slice [J].
-    alone : bool
-        Whether this is one body, and nothing is within its reach in this slice.
-    """
-
-    bodies: np.ndarray
-    scene: Scene
-    carry: Any
-    energy: float
-    alone: bool
+    bodies: np.ndarray  # (b,) int64: ascending indices; the fixed ones are those within reach
+    scene: Scene  # of these bodies
+    carry: Any  # the propagator's, at the beginning of the slice
+    energy: float  # the most kinetic energy seen at the beginning of a slice [J]
+    alone: bool  # whether this is one body, and nothing is within its reach in this slice
 
 
 class IslandsCarry(NamedTuple):

@@ -21,19 +21,11 @@ FIRST_ROUND = 20
 
 
 class Difference(NamedTuple):
-    """Difference between the probabilities of an event by two actions.
+    """Difference between the probabilities of an event by two actions."""
 
-    Attributes
-    ----------
-    value : float
-        Of the draws that both have.
-    std : float
-        Its standard error, with half a draw added to each of the four outcomes of a pair (Agresti and Min
-        2005), so that it is not 0 where few draws agree.
-    draws : int
-    """
-
-    value: float
+    value: float  # of the draws that both have
+    #: its standard error, with half a draw added to each of the four outcomes of a pair (Agresti and Min
+    #: 2005), so that it is not 0 where few draws agree
     std: float
     draws: int
 

@@ -64,27 +64,13 @@ class ContactTime(NamedTuple):
 
 
 class RemoteAnswers(NamedTuple):
-    """Answers of a prediction that was made elsewhere.
+    """Answers of a prediction that was made elsewhere."""
 
-    Attributes
-    ----------
-    statuses : tuple of BodyStatus
-        One for each body.
-    modes : tuple of tuple of Mode, or None
-        Of each body; None where they were not asked for.
-    probabilities : mapping of Event to Probability
-        Of the events that were asked for.
-    contact_times : mapping of Event to ContactTime
-        Of those among them that are contacts.
-    at_origins : Belief or None
-        At the models' own origins.
-    """
-
-    statuses: tuple[BodyStatus, ...]
-    modes: tuple[tuple[Mode, ...], ...] | None
-    probabilities: Mapping[Event, Probability]
-    contact_times: Mapping[Event, ContactTime]
-    at_origins: Belief | None = None
+    statuses: tuple[BodyStatus, ...]  # one for each body
+    modes: tuple[tuple[Mode, ...], ...] | None  # of each body; None where they were not asked for
+    probabilities: Mapping[Event, Probability]  # of the events that were asked for
+    contact_times: Mapping[Event, ContactTime]  # of those among them that are contacts
+    at_origins: Belief | None = None  # at the models' own origins
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,48 +27,24 @@ SAMPLES_LIMIT = 10_000_000
 
 @dataclass(frozen=True)
 class Traits:
-    """A propagator's row in the paper's Table 1.
+    """A propagator's row in the paper's Table 1."""
 
-    Attributes
-    ----------
-    mean_update : str
-        ``nominal`` (one rollout of the mean) or ``estimated`` (from points or samples).
-    uncertainty : str
-        What represents it.
-    cross_body : bool
-        Whether correlations between bodies are kept.
-    separate_collisions : bool
-        Whether integration and collisions change the uncertainty in separate ways.
-    collisions : str
-        How collisions are treated.
-    """
-
-    mean_update: str
-    uncertainty: str
-    cross_body: bool
-    separate_collisions: bool
-    collisions: str
+    mean_update: str  # ``nominal`` (one rollout of the mean) or ``estimated`` (from points or samples)
+    uncertainty: str  # what represents it
+    cross_body: bool  # whether correlations between bodies are kept
+    separate_collisions: bool  # whether integration and collisions change the uncertainty in separate ways
+    collisions: str  # how collisions are treated
 
 
 @dataclass(frozen=True)
 class Supports:
-    """The parts of a scene that a propagator supports beyond bodies, surfaces and uncertain states.
+    """The parts of a scene that a propagator supports beyond bodies, surfaces and uncertain states."""
 
-    Attributes
-    ----------
-    parameters : tuple of str
-        Names of the uncertain parameters (`scene.UNCERTAIN_PARAMETERS`).
-    actions : tuple of str
-        Integrators on which bodies may be prescribed, held or pushed, and surfaces may move (``Scene.acts``).
-    impact_errors : bool
-        Whether each impact may have a random error (``Scene.draws_impacts``).
-    overlap_rejection : bool
-        Whether states in which bodies overlap can be left out (``Scene.overlap`` ``'reject'``).
-    """
-
-    parameters: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()  # names of the uncertain parameters (`scene.UNCERTAIN_PARAMETERS`)
+    #: integrators on which bodies may be prescribed, held or pushed, and surfaces may move (``Scene.acts``)
     actions: tuple[str, ...] = ()
-    impact_errors: bool = False
+    impact_errors: bool = False  # whether each impact may have a random error (``Scene.draws_impacts``)
+    #: whether states in which bodies overlap can be left out (``Scene.overlap`` ``'reject'``)
     overlap_rejection: bool = False
 
 
@@ -152,21 +128,14 @@ class Propagator(ABC):
 
 
 class StandardErrors(NamedTuple):
-    """Standard errors of each body's mean and standard deviation, all axes together.
+    """Standard errors of each body's mean and standard deviation, all axes together."""
 
-    Attributes
-    ----------
-    position, rotation : (B,) array
-        Of the mean [m], [rad].
-    relative : (B,) array
-        The larger of both, over the standard deviation; as if rotations did not wrap around.
-    position_spread, rotation_spread : (B,) array
-        Of the standard deviation, over it.
-    """
-
+    #: position, rotation: (B,): of the mean [m], [rad]
     position: np.ndarray
     rotation: np.ndarray
+    #: (B,): the larger of both, over the standard deviation; as if rotations did not wrap around
     relative: np.ndarray
+    #: position_spread, rotation_spread: (B,): of the standard deviation, over it
     position_spread: np.ndarray
     rotation_spread: np.ndarray
 
@@ -177,17 +146,10 @@ class StandardErrors(NamedTuple):
 
 
 class Samples(ABC):
-    """Capability: the answer consists of equally probable states.
+    """Capability: the answer consists of equally probable states."""
 
-    Attributes
-    ----------
-    resamples : bool
-        Whether `own_samples` are made of fewer rollouts.
-    random_moments : bool
-        Whether the belief at time 0 has the moments of random draws, and not those of the given belief.
-    """
-
-    resamples: ClassVar[bool] = False
+    resamples: ClassVar[bool] = False  # whether `own_samples` are made of fewer rollouts
+    #: whether the belief at time 0 has the moments of random draws, and not those of the given belief
     random_moments: ClassVar[bool] = False
 
     @property
@@ -247,26 +209,15 @@ class Rollouts(ABC):
 
 
 class Spent(NamedTuple):
-    """Time that an anytime prediction has used, and beliefs that it has still to compute.
+    """Time that an anytime prediction has used, and beliefs that it has still to compute."""
 
-    Attributes
-    ----------
-    time : float
-        Wall time since it began [s].
-    rollouts : float
-        The share of its rollouts in that [s].
-    answers : int
-        Number of times at which a belief is wanted.
-    probability_errors : (E,) array
-        Of the probabilities that were asked for: half widths of their intervals, in standard deviations.
-    rare : float or None
-        Largest factor by which rare outcomes may widen a body's spread; None if no search was made.
-    """
-
-    time: float
-    rollouts: float
-    answers: int
+    time: float  # wall time since it began [s]
+    rollouts: float  # the share of its rollouts in that [s]
+    answers: int  # number of times at which a belief is wanted
+    #: (E,): of the probabilities that were asked for: half widths of their intervals, in standard
+    #: deviations
     probability_errors: np.ndarray
+    #: largest factor by which rare outcomes may widen a body's spread; None if no search was made
     rare: float | None = None
 
 

@@ -42,40 +42,22 @@ _MOMENT_POINTS = 512  # that moments of a surface, and of what flies, are taken 
 
 
 class _Carry(NamedTuple):
-    """Persistent state: the states of N rollouts, and what they stand for.
+    """Persistent state: the states of N rollouts, and what they stand for."""
 
-    Attributes
-    ----------
-    states : (N, B, 13) array
-        Of the bodies' centres of mass, wherever those are uncertain.
-    contact_history : ContactHistory
-    step : int
-        How many are done.
-    parameters : (N, K) array
-        The rollouts' K uncertain parameters, in standard deviations from their values.
-    mean : (B, 13) array
-        At time 0.
-    root : (12 M, r) array
-        Errors at time 0 that each of r independent standard normal numbers makes.
-    moving : (M,) int array
-    columns : (r + K,) int array
-        Which column of the points each of these numbers, and then each parameter, is.
-    simulated : (r + K,) bool array
-        Whether the rollouts differ in it; the others are common motions (`reduction`).
-    dimensions : int
-        How many columns the points have.
-    """
-
-    states: np.ndarray
+    states: np.ndarray  # (N, B, 13): of the bodies' centres of mass, wherever those are uncertain
     contact_history: ContactHistory
-    step: int
+    step: int  # how many are done
+    #: (N, K): the rollouts' K uncertain parameters, in standard deviations from their values
     parameters: np.ndarray
-    mean: np.ndarray
+    mean: np.ndarray  # (B, 13): at time 0
+    #: (12 M, r): errors at time 0 that each of r independent standard normal numbers makes
     root: np.ndarray
-    moving: np.ndarray
+    moving: np.ndarray  # (M,) int
+    #: (r + K,) int: which column of the points each of these numbers, and then each parameter, is
     columns: np.ndarray
+    #: (r + K,) bool: whether the rollouts differ in it; the others are common motions (`reduction`)
     simulated: np.ndarray
-    dimensions: int
+    dimensions: int  # how many columns the points have
 
 
 class CloudCarry(_Carry):

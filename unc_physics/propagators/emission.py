@@ -40,52 +40,26 @@ NO_SURFACE = 1.0
 
 
 class Group(NamedTuple):
-    """Moving bodies that met, directly or through others, in any of the rollouts.
+    """Moving bodies that met, directly or through others, in any of the rollouts."""
 
-    Attributes
-    ----------
-    key : bytes
-        The same for rollouts in which the same bodies met the same things.
-    bodies : (m,) int array
-    columns : (d,) int array
-        Which of the numbers z their outcome depends on: first those of the root, then ``parameters`` others.
-    parameters : int
-    root : (12 m, d - parameters) array
-    alone : bool
-        Whether they met nothing besides each other.
-    flew : bool
-        Whether this is a body that met nothing at all, and began as the belief has it.
-    """
-
-    key: bytes
-    bodies: np.ndarray
+    key: bytes  # the same for rollouts in which the same bodies met the same things
+    bodies: np.ndarray  # (m,) int
+    #: (d,) int: which of the numbers z their outcome depends on: first those of the root, then ``parameters``
+    #: others
     columns: np.ndarray
     parameters: int
-    root: np.ndarray
-    alone: bool
-    flew: bool
+    root: np.ndarray  # (12 m, d - parameters)
+    alone: bool  # whether they met nothing besides each other
+    flew: bool  # whether this is a body that met nothing at all, and began as the belief has it
 
 
 class _Fit(NamedTuple):
-    """The surface of a group, for all times at which the same bodies have met.
+    """The surface of a group, for all times at which the same bodies have met."""
 
-    Attributes
-    ----------
-    reduced : Reduction or None
-        Of a group that is alone.
-    transform : (d, d') array
-        From the group's numbers z to the surface's coordinates.
-    x : (N, d') array
-        The rollouts in these.
-    points : (S, d) array
-        The group's numbers z of the points that moments are taken over.
-    surface : ResponseSurface
-    """
-
-    reduced: Reduction | None
-    transform: np.ndarray
-    x: np.ndarray
-    points: np.ndarray
+    reduced: Reduction | None  # of a group that is alone
+    transform: np.ndarray  # (d, d'): from the group's numbers z to the surface's coordinates
+    x: np.ndarray  # (N, d'): the rollouts in these
+    points: np.ndarray  # (S, d): the group's numbers z of the points that moments are taken over
     surface: ResponseSurface
 
 
@@ -121,28 +95,15 @@ class GroupFit(_Fit):
 
 
 class _Outcomes(NamedTuple):
-    """A group's rollouts at one time.
-
-    Attributes
-    ----------
-    group : Group
-    fit : GroupFit
-    mean : (m, 13) array
-        Of the rollouts' outcomes, without common motion.
-    errors : (N, 12 m) array
-        Outcomes about it.
-    left_out : (n, 12 m) array
-        Differences of the first n rollouts from a surface through the others.
-    error : float
-        Mean square of these over the variance, in outcomes by their spread.
-    """
+    """A group's rollouts at one time."""
 
     group: Group
     fit: GroupFit
-    mean: np.ndarray
-    errors: np.ndarray
+    mean: np.ndarray  # (m, 13): of the rollouts' outcomes, without common motion
+    errors: np.ndarray  # (N, 12 m): outcomes about it
+    #: (n, 12 m): differences of the first n rollouts from a surface through the others
     left_out: np.ndarray
-    error: float
+    error: float  # mean square of these over the variance, in outcomes by their spread
 
 
 class Moments(_Outcomes):
@@ -181,37 +142,14 @@ class Moments(_Outcomes):
 
 
 class Shared(NamedTuple):
-    """Groups and fits that all times of a prediction share.
+    """Groups and fits that all times of a prediction share."""
 
-    Attributes
-    ----------
-    groups : dict of bytes to list of Group
-        By who has met whom.
-    fits : dict of bytes to GroupFit
-        By `Group.key`.
-    """
-
-    groups: dict[bytes, list[Group]]
-    fits: dict[bytes, GroupFit]
+    groups: dict[bytes, list[Group]]  # by who has met whom
+    fits: dict[bytes, GroupFit]  # by `Group.key`
 
 
 class Runs(NamedTuple):
-    """N rollouts and their initial random numbers; the first seven fields are those of `cloud.CloudCarry`.
-
-    Attributes
-    ----------
-    z : (N, r + K) array
-        The standard normal numbers that each rollout began with.
-    simulated : (r + K,) bool array
-        Which of them differ between rollouts; the others are common motions.
-    labels : (N, r + K) array
-        The numbers of both.
-    points : (S, r + K) array
-        Standard normal numbers that moments are taken over.
-    shared : Shared
-    moments : dict of bytes to Moments
-        Those of each group, by its key.
-    """
+    """N rollouts and their initial random numbers; the first seven fields are those of `cloud.CloudCarry`."""
 
     states: np.ndarray
     contact_history: ContactHistory
@@ -220,12 +158,13 @@ class Runs(NamedTuple):
     root: np.ndarray
     moving: np.ndarray
     parameters: np.ndarray
-    z: np.ndarray
+    z: np.ndarray  # (N, r + K): the standard normal numbers that each rollout began with
+    #: (r + K,) bool: which of them differ between rollouts; the others are common motions
     simulated: np.ndarray
-    labels: np.ndarray
-    points: np.ndarray
+    labels: np.ndarray  # (N, r + K): the numbers of both
+    points: np.ndarray  # (S, r + K): standard normal numbers that moments are taken over
     shared: Shared
-    moments: dict[bytes, Moments]
+    moments: dict[bytes, Moments]  # those of each group, by its key
 
 
 def belief_of(runs: Runs, scene: Scene) -> Belief:

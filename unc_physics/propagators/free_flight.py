@@ -27,28 +27,16 @@ from ..spatial.rotation import exp, multiply, normalized, rotation_matrix
 
 
 class Course(NamedTuple):
-    """Factors of the state after some steps of free flight.
+    """Factors of the state after some steps of free flight."""
 
-    Attributes
-    ----------
-    decay : float
-        Factor on the initial velocities at the end.
-    fall : float
-        Factor on gravity in the final velocity [s].
-    reach, sink : float
-        Factors on the initial velocity [s] and on gravity [s^2] in the displacement.
-    turn : float
-        Factor on the initial angular velocity in the rotation [s].
-    weights, before : (n,) arrays
-        Of each drift: its time, times the decay until then, and the sum of these over the drifts before it
-        [s].
-    """
-
-    decay: float
-    fall: float
+    decay: float  # factor on the initial velocities at the end
+    fall: float  # factor on gravity in the final velocity [s]
+    #: reach, sink: factors on the initial velocity [s] and on gravity [s^2] in the displacement
     reach: float
     sink: float
-    turn: float
+    turn: float  # factor on the initial angular velocity in the rotation [s]
+    #: weights, before: (n,): of each drift: its time, times the decay until then, and the sum of these
+    #: over the drifts before it [s]
     weights: np.ndarray
     before: np.ndarray
 

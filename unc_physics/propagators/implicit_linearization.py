@@ -62,27 +62,17 @@ _SMOOTH = 1.001  # of a sphere's radius: the largest by which it rolls by itself
 
 
 class ImplicitLinearization(NamedTuple):
-    """State of linearization in a rollout of the implicit step.
+    """State of linearization in a rollout of the implicit step."""
 
-    Attributes
-    ----------
-    root, before : (12 M, r) float64
-        Now, and when the step began.
-    errors : Errors
-    contacts : ContactErrors
-    kinematic : KinematicErrors
-    contact_mode_uncertain_since : (B,) float64
-        First time at which what contacts do was doubtful [s]; infinite if never.
-    time : (3,) float64
-        End of the step, the present of the group at hand, and the end of its interval [s].
-    """
-
+    #: root, before: (12 M, r) float64: now, and when the step began
     root: np.ndarray
     before: np.ndarray
     errors: Errors
     contacts: ContactErrors
     kinematic: KinematicErrors
+    #: (B,) float64: first time at which what contacts do was doubtful [s]; infinite if never
     contact_mode_uncertain_since: np.ndarray
+    #: (3,) float64: end of the step, the present of the group at hand, and the end of its interval [s]
     time: np.ndarray
 
 

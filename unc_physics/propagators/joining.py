@@ -13,36 +13,18 @@ from ..dynamics.world import World
 
 
 class Part(NamedTuple):
-    """Positions of an island's bodies, moving bodies and parameters in the joint island.
+    """Positions of an island's bodies, moving bodies and parameters in the joint island."""
 
-    Attributes
-    ----------
-    bodies : (b,) int array
-        Indices of its bodies.
-    moving : (m,) int array
-        Of its moving bodies among the moving ones.
-    parameters : (k,) int array
-        Of its uncertain parameters.
-    """
-
-    bodies: np.ndarray
-    moving: np.ndarray
-    parameters: np.ndarray
+    bodies: np.ndarray  # (b,) int: indices of its bodies
+    moving: np.ndarray  # (m,) int: of its moving bodies among the moving ones
+    parameters: np.ndarray  # (k,) int: of its uncertain parameters
 
 
 class JointIsland(NamedTuple):
-    """The island that several islands are joined to.
+    """The island that several islands are joined to."""
 
-    Attributes
-    ----------
-    mean : (B, 13) array
-        States of its bodies at time 0, which the fixed ones keep.
-    moving, parameters : int
-        How many bodies move, and how many parameters are uncertain.
-    world : World
-    """
-
-    mean: np.ndarray
+    mean: np.ndarray  # (B, 13): states of its bodies at time 0, which the fixed ones keep
+    #: moving, parameters: how many bodies move, and how many parameters are uncertain
     moving: int
     world: World
     parameters: int

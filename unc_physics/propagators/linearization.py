@@ -40,29 +40,17 @@ from .start import resolve_initial_overlap
 
 
 class LinearizationCarry(NamedTuple):
-    """Persistent state.
+    """Persistent state."""
 
-    Attributes
-    ----------
-    mean : (B, 13) array
-        The nominal rollout.
-    root : (12 M, r) array
-        ``root @ root.T`` is the joint covariance; r is the rank of the initial one, which no step raises,
-        and the number of uncertain parameters of actions, whose columns come last.
-    contact_history : ContactHistory
-        What the rollout remembers of its contacts.
-    contact_mode_uncertain_since : (B,) array
-        First time at which contacts of each body would have done something else within a standard deviation
-        [s]; infinite if never, and with the explicit integrator.
-    step : int
-        Counts the steps done.
-    """
-
-    mean: np.ndarray
+    mean: np.ndarray  # (B, 13): the nominal rollout
+    #: (12 M, r): ``root @ root.T`` is the joint covariance; r is the rank of the initial one, which no
+    #: step raises, and the number of uncertain parameters of actions, whose columns come last
     root: np.ndarray
-    contact_history: ContactHistory
+    contact_history: ContactHistory  # what the rollout remembers of its contacts
+    #: (B,): first time at which contacts of each body would have done something else within a standard
+    #: deviation [s]; infinite if never, and with the explicit integrator
     contact_mode_uncertain_since: np.ndarray
-    step: int
+    step: int  # counts the steps done
 
 
 @dataclass(frozen=True)
@@ -133,60 +121,32 @@ class Linearization(Propagator, Islands, ClosedFormFlight, ContactModes):
 
 
 class DominantContacts(NamedTuple):
-    """The contact with the largest volume of each touching pair of bodies, in one step.
+    """The contact with the largest volume of each touching pair of bodies, in one step."""
 
-    Attributes
-    ----------
-    count : (1,) int64
-        Number of touching pairs so far.
-    bodies : (B (B - 1) / 2, 2) int64
-    spheres : (B (B - 1) / 2, 2) int64
-        Indices into the scene's trees.
-    volume : (B (B - 1) / 2,) float64
-        [m^3]
-    """
-
-    count: np.ndarray
-    bodies: np.ndarray
-    spheres: np.ndarray
-    volume: np.ndarray
+    count: np.ndarray  # (1,) int64: number of touching pairs so far
+    bodies: np.ndarray  # (B (B - 1) / 2, 2) int64
+    spheres: np.ndarray  # (B (B - 1) / 2, 2) int64: indices into the scene's trees
+    volume: np.ndarray  # (B (B - 1) / 2,) float64: [m^3]
 
 
 class DominantElementContact(NamedTuple):
-    """The contact with the largest volume of a body and an element of the environment.
+    """The contact with the largest volume of a body and an element of the environment."""
 
-    Attributes
-    ----------
-    sphere : (1,) int64
-    volume : (1,) float64
-        [m^3]
-    force, point : (3,) float64
-        Force on the body [N], and the contact point from its centre of mass [m], in world axes.
-    """
-
-    sphere: np.ndarray
-    volume: np.ndarray
+    sphere: np.ndarray  # (1,) int64
+    volume: np.ndarray  # (1,) float64: [m^3]
+    #: force, point: (3,) float64: force on the body [N], and the contact point from its centre of mass [m],
+    #: in world axes
     force: np.ndarray
     point: np.ndarray
 
 
 class ExplicitLinearization(NamedTuple):
-    """State of linearization in a rollout.
+    """State of linearization in a rollout."""
 
-    Attributes
-    ----------
-    root : (12 M, r) float64
-    error_block : (B,) int64
-        Which of the root's blocks of 12 rows is each body's; -1 for a fixed body.
-    transition : (3, 3) float64
-        Room for a block of it.
-    dominant : DominantContacts
-    element : DominantElementContact
-    """
-
-    root: np.ndarray
+    root: np.ndarray  # (12 M, r) float64
+    #: (B,) int64: which of the root's blocks of 12 rows is each body's; -1 for a fixed body
     error_block: np.ndarray
-    transition: np.ndarray
+    transition: np.ndarray  # (3, 3) float64: room for a block of it
     dominant: DominantContacts
     element: DominantElementContact
 

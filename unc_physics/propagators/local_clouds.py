@@ -29,52 +29,26 @@ _ALL_AROUND = 1e4  # rad; more spread than that changes nothing, and single prec
 
 
 class ContactCloud(NamedTuple):
-    """State of local sampling in one step: uncertainty of the bodies' poses, and of the forces between two.
+    """State of local sampling in one step: uncertainty of poses, and of the forces between two bodies."""
 
-    Attributes
-    ----------
-    covariance : (M, 12, 12) float64
-        Of the moving bodies.
-    rows : (12 M, 12) float64
-        The same numbers.
-    error_block : (B,) int64
-        Which of the covariances is each body's; -1 for a fixed body.
-    transition : (3, 3) float64
-        Room for a block of it.
-    rotation : (B, 3, 3) float64
-        Factors that turn normal numbers into rotations about world axes [rad].
-    known : (B,) bool
-        Whether that is computed for this step.
-    relative, position : (3, 3) float64
-        Covariance of body j's position relative to body i [m^2], and its factor, which turns normal numbers
-        into displacements.
-    inverse : (3, 3) float64
-        Room for an inverse inertia in world axes.
-    table : float32 array
-        Normal numbers (`spatial.random.normal_table`).
-    samples : int
-        Perturbed copies of each contact.
-    seed : int
-    key : (1,) uint64
-        From which this step's draws are made.
-    spread : (3, 6) float64
-        Second moments of force, torque on body i and torque on body j about the nominal ones, each by its
-        entries xx, yy, zz, xy, xz, yz, summed over the contacts of a pair.
-    """
-
-    covariance: np.ndarray
-    rows: np.ndarray
-    error_block: np.ndarray
-    transition: np.ndarray
+    covariance: np.ndarray  # (M, 12, 12) float64: of the moving bodies
+    rows: np.ndarray  # (12 M, 12) float64: the same numbers
+    error_block: np.ndarray  # (B,) int64: which of the covariances is each body's; -1 for a fixed body
+    transition: np.ndarray  # (3, 3) float64: room for a block of it
+    #: (B, 3, 3) float64: factors that turn normal numbers into rotations about world axes [rad]
     rotation: np.ndarray
-    known: np.ndarray
+    known: np.ndarray  # (B,) bool: whether that is computed for this step
+    #: relative, position: (3, 3) float64: covariance of body j's position relative to body i [m^2], and its
+    #: factor, which turns normal numbers into displacements
     relative: np.ndarray
     position: np.ndarray
-    inverse: np.ndarray
-    table: np.ndarray
-    samples: int
+    inverse: np.ndarray  # (3, 3) float64: room for an inverse inertia in world axes
+    table: np.ndarray  # normal numbers (`spatial.random.normal_table`)
+    samples: int  # perturbed copies of each contact
     seed: int
-    key: np.ndarray
+    key: np.ndarray  # (1,) uint64: from which this step's draws are made
+    #: (3, 6) float64: second moments of force, torque on body i and torque on body j about the nominal ones,
+    #: each by its entries xx, yy, zz, xy, xz, yz, summed over the contacts of a pair
     spread: np.ndarray
 
 

@@ -30,21 +30,11 @@ def symmetric(scene: Scene) -> bool:
 
 
 class Reduction(NamedTuple):
-    """The combinations of z (d,) that matter, and those that move all bodies alike.
+    """The combinations of z (d,) that matter, and those that move all bodies alike."""
 
-    Attributes
-    ----------
-    relative : (d, r) array
-        Orthonormal columns: ``z @ relative`` is all that contacts depend on.
-    common : (d, c) array
-        Orthonormal columns that complete them.
-    motion : (6, c) array
-        Common translation [m] and velocity [m/s] that ``z @ common`` makes.
-    """
-
-    relative: np.ndarray
-    common: np.ndarray
-    motion: np.ndarray
+    relative: np.ndarray  # (d, r): orthonormal columns: ``z @ relative`` is all that contacts depend on
+    common: np.ndarray  # (d, c): orthonormal columns that complete them
+    motion: np.ndarray  # (6, c): common translation [m] and velocity [m/s] that ``z @ common`` makes
 
 
 def reduction(root: np.ndarray, parameters: int = 0) -> Reduction:

@@ -19,37 +19,18 @@ _FLAT = 1e-20  # sum of squared differences that round-off makes
 
 
 class ResponseSurface(NamedTuple):
-    """``m(x) = trend(x) + sum_n k(|x - x_n|) weight_n``.
+    """``m(x) = trend(x) + sum_n k(|x - x_n|) weight_n``."""
 
-    Attributes
-    ----------
-    points : (N, d) array
-    weights : (N, K) array
-    trend : (1 or 1 + d, K) array
-        Constant, or linear.
-    length : float
-        Of the kernel, a squared exponential.
-    error : float
-        Mean square of what each rollout differs from a surface through the others, over the variance.
-    left_out : (N, K) array
-        Those differences.
-    pair : (int, int)
-        Which length and which nugget, of those that are tried.
-    kriging : (N, N) array
-        From outcomes to weights.
-    coefficients : (1 or 1 + d, N) array
-        From outcomes to the trend.
-    """
-
-    points: np.ndarray
-    weights: np.ndarray
-    trend: np.ndarray
-    length: float
+    points: np.ndarray  # (N, d)
+    weights: np.ndarray  # (N, K)
+    trend: np.ndarray  # (1 or 1 + d, K): constant, or linear
+    length: float  # of the kernel, a squared exponential
+    #: mean square of what each rollout differs from a surface through the others, over the variance
     error: float
-    left_out: np.ndarray
-    pair: tuple[int, int]
-    kriging: np.ndarray
-    coefficients: np.ndarray
+    left_out: np.ndarray  # (N, K): those differences
+    pair: tuple[int, int]  # which length and which nugget, of those that are tried
+    kriging: np.ndarray  # (N, N): from outcomes to weights
+    coefficients: np.ndarray  # (1 or 1 + d, N): from outcomes to the trend
 
 
 def fit(x: np.ndarray, y: np.ndarray, like: ResponseSurface | None = None) -> ResponseSurface:

@@ -26,37 +26,18 @@ from ..spatial.rotation import rotate_back
 
 
 class SolvedContacts(NamedTuple):
-    """Rotations and contact records that replace the explicit step's workspace.
+    """Rotations and contact records that replace the explicit step's workspace."""
 
-    Attributes
-    ----------
-    R : (B, 3, 3) float64
-        ``R_world_body``: the implicit workspace's own.
-    search : Scratch
-        With pairs of spheres and records of contacts.
-    """
-
-    R: np.ndarray
-    search: Scratch
+    R: np.ndarray  # (B, 3, 3) float64: ``R_world_body``: the implicit workspace's own
+    search: Scratch  # with pairs of spheres and records of contacts
 
 
 class Solved(NamedTuple):
-    """State of one of the two methods in a rollout of the implicit step.
+    """State of one of the two methods in a rollout of the implicit step."""
 
-    Attributes
-    ----------
-    own : NamedTuple
-        What it has on the explicit step, too.
-    blocks : (M, 12, 12) float64
-        Of the moving bodies, advanced in place.
-    before : (M, 12, 12) float64
-        Those of the step's beginning.
-    contacts : SolvedContacts
-    """
-
-    own: Any
-    blocks: np.ndarray
-    before: np.ndarray
+    own: Any  # what it has on the explicit step, too
+    blocks: np.ndarray  # (M, 12, 12) float64: of the moving bodies, advanced in place
+    before: np.ndarray  # (M, 12, 12) float64: those of the step's beginning
     contacts: SolvedContacts
 
 

@@ -16,39 +16,22 @@ from ..spatial.rotation import cross, rotate, rotate_back, tangents
 
 
 class Spread(NamedTuple):
-    """State of the surrogate in one step: uncertainty of the bodies' poses, and sums over a pair's contacts.
+    """State of the surrogate in one step: uncertainty of poses, and sums over a pair's contacts."""
 
-    Attributes
-    ----------
-    roots : (M, 12, 12) float64
-        Of the moving bodies' covariances.
-    rows : (12 M, 12) float64
-        The same numbers.
-    error_block : (B,) int64
-        Which of the roots is each body's; -1 for a fixed body.
-    transition : (3, 3) float64
-        Room for a block of it.
-    k_sigma : float
-    position, rotation : (B, 3, 3) float64
-        Covariance of position [m^2] and rotation [rad^2] in world axes; zero for a fixed body.
-    known : (B,) bool
-        Whether the two are computed for this step.
-    tilt : (3, 3) float64
-        Sum of Eq. 21's V over the contacts of the pair of bodies at hand, in units of the stiffness [m^3].
-    torque : (2, 3, 3) float64
-        Sums of [r]x V for its two bodies [m^4].
-    """
-
-    roots: np.ndarray
-    rows: np.ndarray
-    error_block: np.ndarray
-    transition: np.ndarray
+    roots: np.ndarray  # (M, 12, 12) float64: of the moving bodies' covariances
+    rows: np.ndarray  # (12 M, 12) float64: the same numbers
+    error_block: np.ndarray  # (B,) int64: which of the roots is each body's; -1 for a fixed body
+    transition: np.ndarray  # (3, 3) float64: room for a block of it
     k_sigma: float
+    #: position, rotation: (B, 3, 3) float64: covariance of position [m^2] and rotation [rad^2] in world axes;
+    #: zero for a fixed body
     position: np.ndarray
     rotation: np.ndarray
-    known: np.ndarray
+    known: np.ndarray  # (B,) bool: whether the two are computed for this step
+    #: (3, 3) float64: sum of Eq. 21's V over the contacts of the pair of bodies at hand, in units of the
+    #: stiffness [m^3]
     tilt: np.ndarray
-    torque: np.ndarray
+    torque: np.ndarray  # (2, 3, 3) float64: sums of [r]x V for its two bodies [m^4]
 
 
 @kernel(noinline=True)

@@ -10,21 +10,11 @@ RESOLUTION = 1e-9
 
 
 class Mark(NamedTuple):
-    """A time at which a belief is wanted.
+    """A time at which a belief is wanted."""
 
-    Attributes
-    ----------
-    steps : int
-        Number of whole time steps before it.
-    rest : float
-        Length of the shorter step that follows these [s]; 0 where the time is a multiple of ``dt``.
-    time : float
-        Time from the start [s].
-    """
-
-    steps: int
-    rest: float
-    time: float
+    steps: int  # number of whole time steps before it
+    rest: float  # length of the shorter step that follows these [s]; 0 where the time is a multiple of ``dt``
+    time: float  # time from the start [s]
 
     @property
     def count(self) -> int:

@@ -18,24 +18,13 @@ _MOST_GRAVITY = 1e6  # m/s^2 along each axis, as in centrifuges
 
 
 class PhysicsKey(NamedTuple):
-    """Key of the physics; the field of the same name in `Scene` holds the default.
+    """Key of the physics; the field of the same name in `Scene` holds the default."""
 
-    Attributes
-    ----------
-    check : callable
-        Takes a value and the field's name; returns the value to keep, or raises an `UncPhysicsError`.
-    meaning : str
-        Description with unit, for users.
-    law : bool
-        Whether null disables the law; otherwise null means unset.
-    size : int
-        Number of components.
-    """
-
+    #: takes a value and the field's name; returns the value to keep, or raises an `UncPhysicsError`
     check: Callable[[Any, str], Any]
-    meaning: str
-    law: bool = False
-    size: int = 1
+    meaning: str  # description with unit, for users
+    law: bool = False  # whether null disables the law; otherwise null means unset
+    size: int = 1  # number of components
 
 
 #: Longest time step; longer ones are taken for a number of steps a second [s].

@@ -57,22 +57,11 @@ STIFFNESS = 1e4
 
 
 class UncertainParameter(NamedTuple):
-    """One direction in which a parameter of a scene is uncertain.
+    """One direction in which a parameter of a scene is uncertain."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the field with its standard deviation, without ``_std``.
-    body : int
-        Index of its body; B + e for element e of the environment, -1 for the whole scene.
-    axis : int
-        Index of the direction, for parameters with several.
-    std : float
-    """
-
-    name: str
-    body: int
-    axis: int
+    name: str  # name of the field with its standard deviation, without ``_std``
+    body: int  # index of its body; B + e for element e of the environment, -1 for the whole scene
+    axis: int  # index of the direction, for parameters with several
     std: float
 
 

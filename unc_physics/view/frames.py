@@ -20,50 +20,25 @@ _LIKELY = 0.01  # least probability of a mode that is shown
 
 
 class Ellipsoid(NamedTuple):
-    """Ellipsoid of a body's position, with `SIGMAS` standard deviations, in one mode.
+    """Ellipsoid of a body's position, with `SIGMAS` standard deviations, in one mode."""
 
-    Attributes
-    ----------
-    weight : float
-        Probability of the mode.
-    position : (3,) array
-        Position of the centre of mass [m].
-    orientation : (4,) array
-        Quaternion (w, x, y, z), as viser expects.
-    half_axes : (3,) array
-        [m]
-    """
-
-    weight: float
-    position: np.ndarray
-    orientation: np.ndarray
-    half_axes: np.ndarray
+    weight: float  # probability of the mode
+    position: np.ndarray  # (3,): position of the centre of mass [m]
+    orientation: np.ndarray  # (4,): quaternion (w, x, y, z), as viser expects
+    half_axes: np.ndarray  # (3,) [m]
 
 
 class AnimationFrames(NamedTuple):
-    """Animation frames of a prediction; the first frame is the start.
+    """Animation frames of a prediction; the first frame is the start."""
 
-    Attributes
-    ----------
-    times : (T,) array
-        [s]
-    positions : (T, B, 3) array
-        Means of the bodies' centres of mass, world frame [m].
-    orientations : (T, B, 4) array
-        Quaternions (w, x, y, z), as viser expects.
-    ghost_positions, ghost_orientations : (T, N, B, 3) and (T, N, B, 4) arrays
-        States of samples: the propagator's own, or drawn from its Gaussian with the same numbers in all
-        frames.
-    ellipsoids : list of lists of tuples of Ellipsoid
-        Ellipsoids of each frame and body; none for fixed bodies.
-    """
-
-    times: np.ndarray
-    positions: np.ndarray
-    orientations: np.ndarray
+    times: np.ndarray  # (T,) [s]
+    positions: np.ndarray  # (T, B, 3): means of the bodies' centres of mass, world frame [m]
+    orientations: np.ndarray  # (T, B, 4): quaternions (w, x, y, z), as viser expects
+    #: ghost_positions, ghost_orientations: (T, N, B, 3) and (T, N, B, 4): states of samples: the
+    #: propagator's own, or drawn from its Gaussian with the same numbers in all frames
     ghost_positions: np.ndarray
     ghost_orientations: np.ndarray
-    ellipsoids: list[list[tuple[Ellipsoid, ...]]]
+    ellipsoids: list[list[tuple[Ellipsoid, ...]]]  # ellipsoids of each frame and body; none for fixed bodies
 
 
 def frames_of(prediction: Prediction, ghosts: int) -> AnimationFrames:
