@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Motion, UncPhysicsError, read_motions
-from unc_physics.calibration.rosbag import POSES, pose_in
+from unc_physics.calibration.motions import POSES, pose_in
 
 HEAD = "time,x,y,z,qx,qy,qz,qw"
 

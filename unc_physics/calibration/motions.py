@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import os
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +20,17 @@ from ..checks.errors import InvalidRequestError, NotSupportedError
 from ..checks.validation import array, numbers, point, quaternion
 from ..spatial.layout import POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
-from .rosbag import read_rosbag
 
 COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
 #: Column of a CSV file that tells several motions apart.
 MOTION = "motion"
+#: Messages that hold a pose, and how many texts stand between their stamp and the pose.
+POSES = {
+    "geometry_msgs/msg/PoseStamped": 1,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": 1,
+    "nav_msgs/msg/Odometry": 2,
+}
+_HEAD = 4  # bytes that tell the encoding, from whose end all is aligned
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +129,7 @@ def read_motions(
                 field="motions",
                 value=str(path),
             )
-        found = [Motion(*read_rosbag(path, topic))]
+        found = [Motion(*_read_rosbag(path, topic))]
     else:
         found = list(_one_file(path))
     if not found:
@@ -206,3 +214,41 @@ def _rows_of_csv(path):
     for name, values in rows.items():
         values = np.array(values)
         yield Motion(name, values[:, 0], values[:, 1:])
+
+
+def _read_rosbag(path, topic: str | None = None) -> tuple[str, np.ndarray, np.ndarray]:
+    """Name, times (n,) [s] and poses (n, 7) of a topic, with ``rosbag2_py``."""
+    import rosbag2_py  # pyright: ignore[reportMissingImports]
+
+    reader: Any = rosbag2_py.SequentialReader()
+    reader.open(rosbag2_py.StorageOptions(uri=str(path)), rosbag2_py.ConverterOptions("cdr", "cdr"))
+    kinds = {entry.name: entry.type for entry in reader.get_all_topics_and_types() if entry.type in POSES}
+    if topic is None and len(kinds) != 1:
+        found = ", ".join(kinds) or f"none of {', '.join(POSES)}"
+        raise InvalidRequestError(f"must name one of the bag's topics with poses: {found}", field="topic")
+    chosen: str = next(iter(kinds)) if topic is None else topic
+    if chosen not in kinds:
+        raise InvalidRequestError(f"must be one of {', '.join(kinds)}", field="topic", value=chosen)
+    rows = []
+    while reader.has_next():
+        name, data, _ = reader.read_next()
+        if name == chosen:
+            rows.append(pose_in(data, kinds[chosen]))
+    rows = np.array(rows).reshape(-1, 8)
+    return chosen, rows[:, 0], rows[:, 1:]
+
+
+def pose_in(data: bytes, kind: str) -> list[float]:
+    """Time [s], position and quaternion in a serialized message (CDR, as ROS 2 writes it).
+
+    Read here, because ROS' own reader comes with all of its client library.
+    """
+    order = "<" if data[1] & 1 else ">"
+    seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, _HEAD)
+    place = 8
+    for _ in range(POSES[kind]):
+        place += -place % 4
+        (length,) = struct.unpack_from(f"{order}I", data, _HEAD + place)
+        place += 4 + length
+    place += -place % 8
+    return [seconds + 1e-9 * nanoseconds, *struct.unpack_from(f"{order}7d", data, _HEAD + place)]

@@ -1,7 +1,7 @@
 """Predictions of scenes, their probabilities and status, and the ranking of actions.
 
 - Run a prediction: `predict` checks and assembles, `driver` calls the propagator, `islands` divides a scene.
-  `request_checks`, `marks`, `memory` and `compute_budget` hold its limits.
+  `request_checks` and `compute_budget` hold its limits.
 - Result: `prediction` with a `snapshot` for each time, `predicted_body`, `tables`.
 - Probabilities: `events` and `event_entries` (events in files), `regions`, `probability`, `first_contacts`.
 - Status: `status` holds the functions for users. They call `diagnosis`, which decides on rollouts. For each

@@ -20,9 +20,8 @@ from .compute_budget import ComputeBudget
 from .diagnostics import RULES, judged, measures_of
 from .driver import run, wide_states
 from .evidence import Evidence, initial_diagnostics
-from .memory import check_memory
 from .probability import is_certain
-from .request_checks import check_supported
+from .request_checks import check_memory, check_supported
 from .snapshot import Snapshot
 
 if TYPE_CHECKING:

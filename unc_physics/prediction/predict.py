@@ -22,10 +22,9 @@ from .compute_budget import ComputeBudget
 from .driver import points_at_start, run
 from .events import Event, checked_events
 from .first_contacts import first_contacts
-from .memory import check_memory
 from .prediction import Prediction
 from .probability import is_certain
-from .request_checks import check_supported, marks_of
+from .request_checks import check_memory, check_supported, marks_of
 from .simulated_scene import left_out, without, without_idle_parts
 
 #: Flights up to the first contacts, of a prediction that is asked for events.

@@ -20,7 +20,7 @@ from .events import Event, Touches
 from .predicted_body import Origin, PredictedBody, Trajectory
 from .simulated_scene import left_out
 from .snapshot import ContactTime, Probability, Snapshot
-from .tables import FEW_LINES, as_dict, as_html, as_table
+from .tables import FEW_LINES, as_dict, as_table, preformatted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,7 +67,7 @@ class Prediction:
         return as_table(self, FEW_LINES)
 
     def _repr_html_(self) -> str:
-        return as_html(self)
+        return preformatted(str(self))
 
     def plot(self, title: str = "") -> Figure:
         """Draw the bodies now and at the horizon, from the side and from above.

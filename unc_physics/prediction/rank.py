@@ -21,14 +21,13 @@ from ..scene.scene import Scene
 from .actions import Action, apply_action
 from .candidates import Candidate, CandidateRollouts, Failed
 from .events import Event
-from .memory import check_memory
 from .prediction import Prediction
 from .probability import sample_outcomes
-from .ranking_table import ranking_as_dict, ranking_as_html, ranking_as_table
-from .request_checks import check_supported, marks_of
+from .ranking_table import ranking_as_dict, ranking_as_table
+from .request_checks import check_memory, check_supported, marks_of
 from .sequential_halving import Difference
 from .snapshot import Probability
-from .tables import FEW_LINES
+from .tables import FEW_LINES, preformatted
 
 #: Share of `rollouts` for each action that the budget is by default, where that is more than two actions'.
 _BUDGET_SHARE = 0.2
@@ -95,7 +94,7 @@ class Ranking:
         return ranking_as_table(self, most=FEW_LINES)
 
     def _repr_html_(self) -> str:
-        return ranking_as_html(self)
+        return preformatted(str(self))
 
     def to_dict(self, also: Sequence[Event] = ()) -> dict[str, Any]:
         """Return the ranking as plain Python values; `also` are events whose probabilities are added."""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from ..checks.shown import printable
 from .events import Event
-from .tables import FEW_LINES, preformatted
 
 if TYPE_CHECKING:
     from .rank import Ranking
@@ -87,8 +86,3 @@ def ranking_as_table(ranking: Ranking, also: Sequence[Event] = (), most: int | N
 def _short(margin):
     """Return a margin in six characters; far from failure its size says nothing."""
     return f"{margin:.2f}" if abs(margin) < 100.0 else ">100" if margin > 0.0 else "<-100"
-
-
-def ranking_as_html(ranking: Ranking) -> str:
-    """Return a table of at most `FEW_LINES` lines for a notebook."""
-    return preformatted(ranking_as_table(ranking, most=FEW_LINES))

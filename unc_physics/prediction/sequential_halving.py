@@ -104,6 +104,8 @@ class SequentialHalving:
         Actions that are still ranked; the best one first, once there are outcomes.
     losers : set of int
         Those that are clearly worse than another one.
+    next : Round or None
+        The next round; None after the last one.
     """
 
     def __init__(self, actions: int, rollouts: int, budget: int, risk: float = RISK):
@@ -112,21 +114,16 @@ class SequentialHalving:
         self.left, self.losers = list(range(actions)), set()
         first = min(FIRST_ROUND, rollouts, budget // actions)
         self._limit = risk / max(actions - 1, 1)  # of each pair with the best action
-        self._next: Round | None = Round(tuple(self.left), first)
+        self.next: Round | None = Round(tuple(self.left), first)
 
     @property
     def spent(self) -> int:
         """Rollouts of all actions so far."""
         return sum(map(len, self.outcomes))
 
-    @property
-    def next(self) -> Round | None:
-        """The next round; None at the last round."""
-        return self._next
-
     def add(self, outcomes: Sequence[np.ndarray]) -> None:
         """Add the further outcomes of the round's actions, and decide on the next round."""
-        done = self._next
+        done = self.next
         assert done is not None
         for k, further in zip(done.actions, outcomes, strict=True):
             self.outcomes[k] = np.concatenate([self.outcomes[k], further])
@@ -134,7 +131,7 @@ class SequentialHalving:
         worse = clearly_worse([self.outcomes[k] for k in self.left], 0, self._limit)
         self.losers |= {k for k, is_worse in zip(self.left, worse, strict=True) if is_worse}
         self.left = [k for k, is_worse in zip(self.left, worse, strict=True) if not is_worse]
-        self._next = self._following(done.rollouts)
+        self.next = self._following(done.rollouts)
 
     def _following(self, count):
         """The round after one with so many rollouts of each."""

@@ -99,11 +99,6 @@ def as_table(prediction: Prediction, most: int | None = None) -> str:
     return "\n".join(lines)
 
 
-def as_html(prediction: Prediction) -> str:
-    """Return a table of at most `FEW_LINES` lines for a notebook."""
-    return preformatted(as_table(prediction, FEW_LINES))
-
-
 def preformatted(text: str) -> str:
     """Return text as HTML that keeps its columns."""
     return f"<pre>{html.escape(text)}</pre>"

@@ -38,8 +38,7 @@ from ..checks.shown import printable
 from ..geometry.library import list_models
 from ..geometry.packing_file import SpherePacking, load_packing, save_packing
 from ..geometry.primitive_models import SPHERES, ball
-from ..geometry.primitives import primitive
-from ..geometry.prisms import cone, prism
+from ..geometry.primitives import cone, primitive, prism
 from ..scene.body import shape_of
 from ..scene.scene_file import load_shape
 from ..scene.stiffness import AUTO
