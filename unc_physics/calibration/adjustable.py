@@ -17,6 +17,7 @@ from .flight import moving_body
 
 #: Inertia of everyday objects over that of a solid one: a thin shell has 1.67.
 _PARTLY_HOLLOW = 1.2
+_FACTOR = 0.7  # standard deviation of the logarithm of what is known to a factor of two
 
 
 class Model(NamedTuple):
@@ -60,7 +61,7 @@ class Adjustable:
         return float(np.clip(math.exp(by) if self.relative else by, self.low, self.high))
 
 
-def _of_scene(name, unit, about, low, high, typical, prior_std=0.7, keeps_scene=True):
+def _of_scene(name, unit, about, low, high, typical, keeps_scene=True):
     """A positive adjustable that is a field of the scene."""
 
     def put(model, value):
@@ -72,7 +73,7 @@ def _of_scene(name, unit, about, low, high, typical, prior_std=0.7, keeps_scene=
         about,
         low,
         high,
-        prior_std,
+        _FACTOR,
         get=lambda model: getattr(model.scene, name) or 0.0,
         put=put,
         relative=True,
@@ -149,7 +150,7 @@ def _noise(name, unit, about, low, high):
         about,
         low,
         high,
-        0.7,
+        _FACTOR,
         get=lambda model: getattr(model, name),
         put=lambda model, value: model._replace(**{name: value}),
         relative=True,
@@ -192,7 +193,7 @@ def adjustables(scene: Scene) -> dict[str, Adjustable]:
             "tilt of the surroundings, from motion to motion",
             1e-4,
             0.2,
-            0.7,
+            _FACTOR,
             _tilt,
             _with_tilt,
             relative=True,
@@ -222,7 +223,7 @@ DEFAULT = (
 )
 
 
-def chosen(scene: Scene, names: Sequence[str] = DEFAULT) -> list[Adjustable]:
+def chosen(scene: Scene, names: Sequence[str]) -> list[Adjustable]:
     """The adjustables of these names; raises `InvalidOptionError` for an unknown one."""
     known = adjustables(scene)
     for name in names:

@@ -11,12 +11,10 @@ _TITLES = {"position_rank": "positions", "rotation_rank": "rotations"}
 
 def draw_calibration(path, found: Calibration) -> None:
     """Draw which share of motions the regions of each level hold, at each time, before and after."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     times = max((one.times for one in found.recorded), key=len)
     figure = Figure(figsize=(2.6 * len(times) + 0.4, 5.4), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(2, len(times), squeeze=False, sharex=True, sharey=True)
     kinds = (("before", found.scores_before, "#999999"), ("after", found.scores_after, "#0072B2"))
     for row, (quantity, title) in enumerate(_TITLES.items()):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+_ROUNDS = 10  # of the mean, at most
+
 
 def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The rotations q followed by p."""
@@ -37,10 +39,10 @@ def of_vectors(turns: np.ndarray) -> np.ndarray:
     return np.concatenate([0.5 * np.sinc(0.5 * angle / np.pi) * turns, np.cos(0.5 * angle)], axis=-1)
 
 
-def mean(q: np.ndarray, rounds: int = 10) -> np.ndarray:
+def mean(q: np.ndarray) -> np.ndarray:
     """(..., 4): the Karcher means of quaternions (..., n, 4)."""
     middle = np.linalg.eigh(np.einsum("...ni,...nj->...ij", q, q))[1][..., -1]
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         turn = rotation_vectors(product(inverse(middle)[..., None, :], q)).mean(axis=-2)
         middle = product(middle, of_vectors(turn))
         if np.sum(turn**2, axis=-1).max() < 1e-12:

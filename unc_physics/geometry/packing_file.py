@@ -240,23 +240,18 @@ class SpherePacking:
             raise InvalidModelError("must be between 1e-50 and 1e50", field="scale", value=s)
         if scale == 1.0:
             return self
-        return replace(
-            self,
-            centers=self.centers * scale,
-            radii=self.radii * scale,
-            inertia=self.inertia * scale**2,
-            volume=self.volume * scale**3,
-            origin=self.origin * scale,
-            bounding_radius=self.bounding_radius * scale,
-            mass=None if self.mass is None else self.mass * scale**3,
-            bounds=None if self.bounds is None else self.bounds * scale,
-            surface_gap=None if self.surface_gap is None else self.surface_gap * scale,
-            extent_losses=None if self.extent_losses is None else self.extent_losses * scale,
-            sinks=self.sinks * scale if self.sinks is not None and scale < 1.0 else None,
-        )
+        scaled = {
+            field: value * scale**power
+            for field, power in _POWERS.items()
+            if (value := getattr(self, field)) is not None
+        }
+        return replace(self, **(scaled if scale < 1.0 else scaled | {"sinks": None}))
 
 
 _MEASURES = ("measured_spheres", "extent_losses", "sinks")
+_LENGTHS = ("centers", "radii", "origin", "bounding_radius", "bounds", "surface_gap")
+#: Powers of a length by which fields scale.
+_POWERS = dict.fromkeys((*_LENGTHS, *_MEASURES[1:]), 1) | {"inertia": 2, "volume": 3, "mass": 3}
 _ARRAYS: dict[str, tuple[int | None, ...]] = {
     "centers": (None, 3),
     "radii": (None,),
@@ -301,11 +296,7 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
     except UncPhysicsError:
         raise
     except Exception as error:
-        reason = (
-            error.strerror
-            if isinstance(error, OSError) and error.strerror
-            else "it is no .npz archive of plain arrays"
-        )
+        reason = getattr(error, "strerror", None) or "it is no .npz archive of plain arrays"
         raise InvalidModelError(f"cannot be read: {reason}", field=f"model file {path}") from error
     for field in ("centers", "radii"):
         if field not in values:
@@ -461,13 +452,8 @@ def _array(field, value, shape):
     if raw.ndim != len(shape) or any(
         want not in (None, got) for want, got in zip(shape, raw.shape, strict=True)
     ):
-        wanted = (
-            "("
-            + ", ".join("n" if n is None else str(n) for n in shape)
-            + ("," if len(shape) == 1 else "")
-            + ")"
-        )
-        raise InvalidModelError(f"must have shape {wanted}", field=field, value=raw.shape)
+        wanted = ", ".join("n" if n is None else str(n) for n in shape) + "," * (len(shape) == 1)
+        raise InvalidModelError(f"must have shape ({wanted})", field=field, value=raw.shape)
     array = np.array(raw, dtype=np.float64, order="C")
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):

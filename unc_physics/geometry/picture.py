@@ -16,7 +16,6 @@ def draw_levels(path, packings, up="z") -> None:
 
     The body axis ``up``, 'x', 'y' or 'z', points up in the picture.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     axes_of_view = view_axes(up)
@@ -25,7 +24,6 @@ def draw_levels(path, packings, up="z") -> None:
     half = 0.53 * float(np.ptp(box[:, :2], axis=0).max())
     sizes = np.log(np.concatenate([packing.radii for packing in packings]))
     figure = Figure(figsize=(3.6 * len(packings), 4.4))
-    FigureCanvasAgg(figure)
     figure.subplots_adjust(left=0.035, right=0.995, bottom=0.09, top=0.86, wspace=0.03)
     for k, packing in enumerate(packings):
         axes = figure.add_subplot(1, len(packings), k + 1)

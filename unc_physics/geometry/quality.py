@@ -101,11 +101,12 @@ def _extent(balls, directions):
     return (directions @ balls[:, :, :3].transpose(0, 2, 1) + balls[:, None, :, 3]).max(axis=2)
 
 
-def sinks(corners, spheres, lengths, radius: float = PROBE) -> np.ndarray:
+def sinks(corners, spheres, lengths) -> np.ndarray:
     """(k,): depth of a ball below the mesh where it touches the first spheres of a packing, at most [m].
 
-    The most over places on the surface counts; it is at most the ball's diameter, where the ball sinks in
-    whole. The arguments are those of `extent_losses`, with corners counter-clockwise as seen from outside.
+    The ball has the radius `PROBE`. The most over places on the surface counts; it is at most the ball's
+    diameter, where the ball sinks in whole. The arguments are those of `extent_losses`, with corners
+    counter-clockwise as seen from outside.
 
     Notes
     -----
@@ -114,11 +115,11 @@ def sinks(corners, spheres, lengths, radius: float = PROBE) -> np.ndarray:
     """
     places, normals = _places(corners)
     tree = build_triangle_tree(corners)
-    clear = radius * (1.0 - _CLEAR)
-    free = [nearest_on_mesh(tree, *(p + radius * n), clear)[0] >= clear for p, n in zip(places, normals)]
+    clear = PROBE * (1.0 - _CLEAR)
+    free = [nearest_on_mesh(tree, *(p + PROBE * n), clear)[0] >= clear for p, n in zip(places, normals)]
     places, normals = places[free], normals[free]
     found = np.empty(len(lengths))
-    write_sinks(places, normals, np.ascontiguousarray(spheres), np.asarray(lengths, np.int64), radius, found)
+    write_sinks(places, normals, np.ascontiguousarray(spheres), np.asarray(lengths, np.int64), PROBE, found)
     return found
 
 

@@ -17,12 +17,10 @@ _OTHERS = ("#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
 
 def draw_ranking(path: str, ranking: Ranking, also: Sequence[Event] = (), title: str = "") -> None:
     """Draw each action's score with its interval into a PNG file, and probabilities of other events."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     actions = ranking.actions
     figure = Figure(figsize=(8.2, 1.3 + 0.36 * len(actions)), layout="constrained")
-    FigureCanvasAgg(figure)
     ax = figure.subplots()
     for row, action in enumerate(actions):
         p, low, high = action.score.estimate, action.score.low, action.score.high

@@ -84,14 +84,12 @@ def _states(prediction):
 
 def _picture(scene, belief, states, corners, title, bars):
     """Return one picture as PNG bytes."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     low, high = corners
     wide, tall = (SIDE[:2] @ (high - low)).tolist()
     scene_height, head = _WIDTH * tall / wide, _HEAD + _LINE * len(bars)
     figure = Figure(figsize=(_WIDTH, scene_height + head))
-    FigureCanvasAgg(figure)
     axes = figure.add_axes((0.0, 0.0, 1.0, scene_height / (scene_height + head)))
     (left, bottom), (right, top) = SIDE[:2] @ low, SIDE[:2] @ high
     draw_environment(axes, scene.environment, SIDE, (left, right, bottom, top))

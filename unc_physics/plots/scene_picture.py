@@ -43,7 +43,6 @@ def draw_prediction(prediction: Any, title: str = "") -> Figure:
     body with several modes is drawn as samples, since its mean is not a possible pose. Paths connect the
     positions of all times.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     scene, initial = prediction.scene, prediction.initial
@@ -53,7 +52,6 @@ def draw_prediction(prediction: Any, title: str = "") -> Figure:
     wide, deep, tall = high - low
     height = 1.3 + _LEGEND + min(9.0, 9.2 * (tall + deep) / wide)
     figure = Figure(figsize=(10.0, height))
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
         2, 1, height_ratios=[tall, deep], hspace=0.12, top=1.0 - 0.6 / height, bottom=(0.6 + _LEGEND) / height
     )
@@ -86,9 +84,13 @@ def _draw_legend(figure, scene, top):
         Patch(color=gray, alpha=0.35, label="pale: now"),
         Patch(color=gray, label="solid: predicted mean pose; several of one body: samples"),
         Line2D([], [], color=gray, linewidth=0.8, label="path of the mean"),
-        _round_line(color=gray, linewidth=0.9, label=f"position now, {SIGMAS:g} standard deviations"),
-        _round_line(color=gray, linewidth=1.8, label="position predicted, of each outcome"),
     ]
+    round_line = {"linestyle": "none", "marker": "o", "markersize": 8, "markerfacecolor": "none"}
+    for label, width in (
+        (f"position now, {SIGMAS:g} standard deviations", 0.9),
+        ("position predicted, of each outcome", 1.8),
+    ):
+        entries.append(Line2D([], [], markeredgecolor=gray, markeredgewidth=width, label=label, **round_line))
     figure.legend(
         handles=entries,
         loc="upper center",
@@ -97,23 +99,6 @@ def _draw_legend(figure, scene, top):
         fontsize=8,
         frameon=False,
         handlelength=1.6,
-    )
-
-
-def _round_line(color, linewidth, label):
-    """Return the legend entry of an ellipse."""
-    from matplotlib.lines import Line2D
-
-    return Line2D(
-        [],
-        [],
-        linestyle="none",
-        marker="o",
-        markersize=8,
-        markerfacecolor="none",
-        markeredgecolor=color,
-        markeredgewidth=linewidth,
-        label=label,
     )
 
 
@@ -283,7 +268,7 @@ def ellipse(center, P, **style):
     return Ellipse(center, width, height, angle=angle, fill=False, **style)
 
 
-def shaded_balls(centers, radii, color, pixel, window=None):
+def shaded_balls(centers, radii, color, pixel):
     """Draw balls in orthographic view.
 
     Parameters
@@ -294,8 +279,6 @@ def shaded_balls(centers, radii, color, pixel, window=None):
     color : (3,) array
     pixel : float
         Size of a pixel [m].
-    window : (2, 2) array, optional
-        First and last pixel, columns and rows; by default the extent of the balls.
 
     Returns
     -------
@@ -304,7 +287,9 @@ def shaded_balls(centers, radii, color, pixel, window=None):
     extent : tuple
         Left, right, bottom and top [m].
     """
-    window = pixel_window(centers, radii, pixel) if window is None else window
+    low = np.floor((centers[:, :2] - radii[:, None]).min(axis=0) / pixel) - 1
+    high = np.ceil((centers[:, :2] + radii[:, None]).max(axis=0) / pixel) + 1
+    window = np.array([low, high], int)  # first and last pixel, columns and rows
     xs, ys = ((np.arange(*window[:, k]) + 0.5) * pixel for k in range(2))
     light = _LIGHT / np.linalg.norm(_LIGHT)
     depth = np.full((len(ys), len(xs)), -np.inf)
@@ -323,10 +308,3 @@ def shaded_balls(centers, radii, color, pixel, window=None):
     image[..., 3] = depth > -np.inf
     (left, bottom), (right, top) = window * pixel
     return image.clip(0.0, 1.0), (left, right, bottom, top)
-
-
-def pixel_window(centers, radii, pixel):
-    """Return the first and last pixel (2, 2) that balls may cover: columns and rows."""
-    low = np.floor((centers[:, :2] - radii[:, None]).min(axis=0) / pixel) - 1
-    high = np.ceil((centers[:, :2] + radii[:, None]).max(axis=0) / pixel) + 1
-    return np.array([low, high], int)

@@ -20,7 +20,7 @@ from ..initialization.overlap_search import TOUCHING
 from ..propagators.base import Samples
 from ..propagators.overlap_depths import overlaps
 from ..propagators.registry import names_where
-from ..scene.environment import element_names
+from ..scene.environment import thing_names
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, VELOCITY
 from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus, Status
@@ -144,11 +144,10 @@ def _kept_overlap(evidence, body):
     scene, depths = evidence.scene, evidence.start.kept_overlaps
     bodies = len(scene.bodies)
     own = np.concatenate([np.maximum(depths[body, :bodies], depths[:, body]), depths[body, bodies:]])
-    names = [one.name for one in scene.bodies] + element_names(scene.environment)
     other = int(np.argmax(own))
     if own[other] == 0.0:  # what it overlapped when it settled
         return "what it overlaps"
-    return f"'{printable(names[other])}', which it overlaps by {own[other]:.3g} m"
+    return f"'{printable(thing_names(scene)[other])}', which it overlaps by {own[other]:.3g} m"
 
 
 def _density(evidence, body):

@@ -19,7 +19,8 @@ from ..checks.array_field import OptionalArray
 from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import array, instance, positive
-from ..scene.environment import ENVIRONMENT, element_names
+from ..scene.environment import ENVIRONMENT, element_names, thing_names
+from ..scene.parameters import turned
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..spatial.rotation import rotation_matrix
@@ -333,8 +334,9 @@ class FellOff(BodyEvent):
     def _top(self, scene, states, field):
         """Height of the support's highest point [m], one for each rollout if it is a body."""
         up = up_of(scene)
-        names = [body.name for body in scene.bodies] + element_names(scene.environment)
-        k = _index(self.support, names, field, "is neither a body nor an element of the environment")
+        k = _index(
+            self.support, thing_names(scene), field, "is neither a body nor an element of the environment"
+        )
         if k < len(scene.bodies):
             if self.support == self.object:
                 raise InvalidRequestError("must be another one", field=field, value=self.support)
@@ -408,14 +410,14 @@ class Touches(BodyEvent):
 
     def _columns(self, scene, field):
         """Index of the other body; or of elements, as a slice of the columns of first contacts."""
-        names, elements = [body.name for body in scene.bodies], element_names(scene.environment)
+        bodies = len(scene.bodies)
         if self.other == ENVIRONMENT:
-            return slice(len(names), None)
+            return slice(bodies, None)
         problem = "is neither a body, nor an element of the environment, nor 'environment'"
-        k = _index(self.other, names + elements, field, problem)
+        k = _index(self.other, thing_names(scene), field, problem)
         if self.other == self.object:
             raise InvalidRequestError("must be another one", field=field, value=self.other)
-        return k if k < len(names) else slice(k, k + 1)
+        return k if k < bodies else slice(k, k + 1)
 
     def __str__(self):
         return f"{self.object} touches {self.other}"
@@ -530,7 +532,7 @@ def encounters(scene: Scene) -> list[Touches]:
     """Return the contacts that may happen: of each pair of bodies of which one moves, in the scene's order;
     then of each moving body with each element of the environment, and with any of them.
     """
-    names, elements = [body.name for body in scene.bodies], element_names(scene.environment)
+    elements = element_names(scene.environment)
     found = [
         Touches(one.name, other.name)
         for k, one in enumerate(scene.bodies)
@@ -538,7 +540,8 @@ def encounters(scene: Scene) -> list[Touches]:
         if one.free or other.free
     ]
     for k in scene.moving:
-        found += [Touches(names[k], element) for element in (*elements, *([ENVIRONMENT] if elements else []))]
+        name = scene.bodies[k].name
+        found += [Touches(name, element) for element in (*elements, *([ENVIRONMENT] if elements else []))]
     return found
 
 
@@ -551,12 +554,6 @@ def up_of(scene: Scene) -> np.ndarray:
     """(3,): the direction against gravity; the z axis where there is none."""
     strength = np.linalg.norm(scene.gravity)
     return -scene.gravity / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
-
-
-def turned(q: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """(N, 3): an axis (3,) of bodies with quaternions (N, 4), in the world frame."""
-    cross = 2.0 * np.cross(q[:, :3], axis)
-    return axis + q[:, 3:] * cross + np.cross(q[:, :3], cross)
 
 
 def _top_of_body(model, states, up):

@@ -14,7 +14,7 @@ from ..collision.implicit_workspace import REMEMBERED_CONTACTS
 from ..propagators.base import PointPairs, Propagator, Samples
 from ..propagators.registry import names_where
 from ..scene.belief import Belief
-from ..scene.environment import element_names
+from ..scene.environment import element_names, thing_names
 from ..scene.marks import RESOLUTION, Mark, mark_at
 from ..scene.materials import Materials
 from ..scene.scene import Scene
@@ -70,10 +70,9 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
         )
     for k, surface in enumerate(scene.surfaces):
         if surface.torsional_friction and not takes_actions:
-            names = [body.name for body in scene.bodies] + element_names(scene.environment)
             raise NotSupportedError(
                 f"is not supported by {propagator.name}",
-                field=f"torsional_friction of '{names[k]}'",
+                field=f"torsional_friction of '{thing_names(scene)[k]}'",
                 value=surface.torsional_friction,
             )
     if scene.islands and getattr(propagator, "reduce", False):

@@ -22,6 +22,7 @@ from ..initialization.overlap_search import TOUCHING, sides_of
 from ..initialization.projection import ProjectionInput, ProjectionOutput, project
 from ..scene.action_arrays import held_at_start, kinematic_belief
 from ..scene.belief import Belief
+from ..scene.parameters import turned
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
@@ -266,24 +267,20 @@ def _note_settling(scene, belief, drawn, states, start, resting):
     """Tell ``start`` how far settling moved and tilted the bodies."""
     down, flat = _down(scene)
     bodies = np.flatnonzero(resting)
-    before, after = (_seen_from(x[:, bodies, QUATERNION], down) for x in (drawn, states))
+    # the direction of gravity in the bodies' frames
+    before, after = (
+        turned(x[:, bodies, QUATERNION] * [-1.0, -1.0, -1.0, 1.0], down) for x in (drawn, states)
+    )
     cross = np.linalg.norm(np.cross(before, after), axis=-1)
     start.tilted[:, bodies] = np.arctan2(cross, (before * after).sum(axis=-1))
     blocks = belief.blocks[np.searchsorted(belief.moving, bodies)]
     std = np.sqrt(np.maximum(np.einsum("i,bij,j->b", down, blocks[:, ERR_POSITION, ERR_POSITION], down), 0.0))
     sunk = np.abs((states[:, bodies, POSITION] - drawn[:, bodies, POSITION]) @ down)
-    turned = [rotation_matrix(belief.mean[k, QUATERNION]) for k in bodies]
-    spreads = [R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T for R, P in zip(turned, blocks, strict=True)]
+    frames = [rotation_matrix(belief.mean[k, QUATERNION]) for k in bodies]
+    spreads = [R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T for R, P in zip(frames, blocks, strict=True)]
     tilts = np.sqrt([np.trace(flat @ spread @ flat) / 2.0 for spread in spreads])
     far = sunk / np.maximum(std, _HONEST_STD), start.tilted[:, bodies] / np.maximum(tilts, _LEAST_TILT)
     start.moved[:, bodies] = np.maximum.reduce([start.moved[:, bodies], *far])
-
-
-def _seen_from(q, direction):
-    """A direction of the world in the frames of bodies with quaternions (..., 4)."""
-    axis, w = -q[..., :3], q[..., 3:]
-    turned = 2.0 * np.cross(axis, direction)
-    return direction + w * turned + np.cross(axis, turned)
 
 
 def _note_support(first_time, memory):

@@ -370,6 +370,11 @@ def element_names(environment) -> list[str]:
     return [element.name or f"{element.shape}_{k}" for k, element in enumerate(environment)]
 
 
+def thing_names(scene) -> list[str]:
+    """Return the names of a scene's bodies, then of its elements."""
+    return [body.name for body in scene.bodies] + element_names(scene.environment)
+
+
 def check_element(element, field) -> None:
     """Raise `InvalidEnvironmentError` unless ``element`` has a shape that the kernels support."""
     if not isinstance(element, Element) or getattr(element, "shape", None) not in shapes.KINDS:

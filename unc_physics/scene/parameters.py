@@ -211,12 +211,16 @@ def moved_along(states: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     if offsets.shape[1] == 0:
         return states
     moved = states.copy()
-    axis, w = states[..., QUATERNION][..., :3], states[..., QUATERNION][..., 3:]
-    turned = 2.0 * np.cross(axis, offsets)
-    arm = offsets + w * turned + np.cross(axis, turned)
+    arm = turned(states[..., QUATERNION], offsets)
     moved[..., POSITION] += arm
     moved[..., VELOCITY] += np.cross(states[..., ANGULAR_VELOCITY], arm)
     return moved
+
+
+def turned(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Return vectors (..., 3) in body axes as seen in the world, by the bodies' quaternions (..., 4)."""
+    cross = 2.0 * np.cross(q[..., :3], vector)
+    return vector + q[..., 3:] * cross + np.cross(q[..., :3], cross)
 
 
 def _tilted(gravity, tilt):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..checks.validation import instance
-from .environment import element_names
+from .environment import thing_names
 from .materials import DEFAULT_RESTITUTION, Materials
 from .scene import IMPACT_STDS, Scene
 
@@ -34,11 +34,10 @@ def physics_of(scene: Scene) -> dict[str, Any]:
         "sleep": scene.sleep,
         "overlap": scene.overlap,
     }
-    names = [body.name for body in scene.bodies] + element_names(scene.environment)
     for key in Materials._fields:
         own = {
             name: value
-            for name, surface in zip(names, scene.surfaces, strict=True)
+            for name, surface in zip(thing_names(scene), scene.surfaces, strict=True)
             if (value := getattr(surface, key)) is not None
         }
         if own:

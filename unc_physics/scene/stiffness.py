@@ -28,36 +28,18 @@ REST_DEPTH = 5e-5
 _chosen = weakref.WeakKeyDictionary()  # scenes without a stiffness, and the last choice for them
 
 
-def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = REST_DEPTH) -> float:
-    """Return a stiffness at which no resting body penetrates its support deeper than ``depth``.
+def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity) -> float:
+    """Return a stiffness [N/m^3] at which no body that rests sinks in deeper than `REST_DEPTH`.
 
-    Parameters
-    ----------
-    bodies : sequence of RigidBody
-    mean : (B, 13) array
-        States of the bodies, used only without gravity.
-    gravity : sequence of 3 floats
-        World frame [m/s^2].
-    depth : float
-        [m]
-
-    Returns
-    -------
-    float
-        kappa [N/m^3].
+    The mean states (B, 13) are used only without gravity.
 
     Notes
     -----
     This is for the implicit integrator, whose law is `contact_model.shallow_volume`. A body's smallest sphere
-    must carry its weight at ``depth``, but at most at `PENETRATION` of its radius. Two spheres have a reduced
+    must carry its weight there, but at most at `PENETRATION` of its radius. Two spheres have a reduced
     radius of at least half of that, which makes the depth 1.4 times as large. Without gravity,
     `auto_stiffness` is used.
-
-    Raises
-    ------
-    InvalidRequestError, LimitExceededError
     """
-    depth = positive(depth, "depth")
     with np.errstate(over="ignore"):
         g = float(np.linalg.norm(gravity))
     if g == 0.0:
@@ -66,7 +48,7 @@ def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity, depth: float = RE
     for body in bodies:
         if body.free:
             radius = float(body.model.radii.min())
-            needed.append(carrying_stiffness(body.mass * g, radius, min(depth, PENETRATION * radius)))
+            needed.append(carrying_stiffness(body.mass * g, radius, min(REST_DEPTH, PENETRATION * radius)))
     return _rounded_up(max(needed))
 
 
