@@ -30,23 +30,10 @@ def prior_weight(motions: int) -> float:
 class Posterior:
     """Penalised scores of motions as functions of values in standard deviations of their priors.
 
-    Parameters
-    ----------
-    objective : Objective
-    model : Model
-        Its values are the medians of the priors.
-    adjusted : sequence of Adjustable
-    tell : callable
-        Takes the mean score of each model that is tried.
-    motions : int, optional
-        Number of all motions, among which the penalty is shared; by default those of the objective.
-
-    Attributes
-    ----------
-    low, high, median : (K,) arrays
-        Bounds, and medians of the priors.
-    curvature : float
-        Second derivative of the penalty in a motion's score, by each value.
+    The values of the model are the medians of the priors, and ``tell`` takes the mean score of each model
+    that is tried. The penalty is shared among so many ``motions``, by default those of the objective;
+    ``curvature`` is its second derivative in a motion's score, by each value. ``low``, ``high`` and
+    ``median`` (K,) are bounds, and medians of the priors.
     """
 
     def __init__(

@@ -271,21 +271,8 @@ def ellipse(center, P, **style):
 def shaded_balls(centers, radii, color, pixel):
     """Draw balls in orthographic view.
 
-    Parameters
-    ----------
-    centers : (n, 3) array
-        Right, up and towards the eye [m].
-    radii : (n,) array
-    color : (3,) array
-    pixel : float
-        Size of a pixel [m].
-
-    Returns
-    -------
-    image : (rows, columns, 4) array
-        RGBA, transparent outside the balls.
-    extent : tuple
-        Left, right, bottom and top [m].
+    ``centers`` (n, 3) are right, up and towards the eye, and a pixel is so large [m]. Returns an RGBA image,
+    transparent outside the balls, and its extent: left, right, bottom and top [m].
     """
     low = np.floor((centers[:, :2] - radii[:, None]).min(axis=0) / pixel) - 1
     high = np.ceil((centers[:, :2] + radii[:, None]).max(axis=0) / pixel) + 1

@@ -54,27 +54,12 @@ class Failed(Exception):
 
 
 class CandidateRollouts:
-    """Runs a sequential halving.
+    """Runs a sequential halving over candidates, with the draws of one Monte Carlo propagator in common.
 
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-    propagator : Propagator
-        With an option ``samples``, as `REFERENCE` has; all have its draws in common.
-    marks : list of Mark
-        Times at which a belief is wanted, ascending.
-    success : callable
-        Takes a `Prediction`; in which of its rollouts (N,) the action succeeded.
-    budget : int
-        As in `SequentialHalving`, whose most rollouts of one candidate are the propagator's samples.
-
-    Attributes
-    ----------
-    halving : SequentialHalving
-    predictions : list of Prediction
-        By the rollouts until now.
-    rounds : int
-        How many there were.
+    Beliefs are wanted at ``marks``, ascending. ``success`` takes a `Prediction`, and returns in which of its
+    rollouts (N,) the action succeeded. ``budget`` is as in `SequentialHalving`, whose most rollouts of one
+    candidate are the propagator's samples. The ``predictions`` of all candidates are by the rollouts of the
+    ``rounds`` until now.
     """
 
     def __init__(
@@ -85,11 +70,8 @@ class CandidateRollouts:
         success: Callable[[Prediction], np.ndarray],
         budget: int,
     ):
-        self.candidates, self.halving, self.rounds = (
-            candidates,
-            SequentialHalving(len(candidates), propagator.samples, budget),
-            0,
-        )
+        self.candidates, self.rounds = candidates, 0
+        self.halving = SequentialHalving(len(candidates), propagator.samples, budget)
         self.predictions: list[Prediction] = []
         self._propagator, self._marks, self._success, self._budget = propagator, marks, success, budget
         self._scenes, self._beliefs = [], []
@@ -127,8 +109,12 @@ class CandidateRollouts:
         counts = [len(self.halving.outcomes[k]) for k in following.actions]
 
         def begin():
-            pairs = zip(following.actions, counts, strict=True)
-            return [self._begun(k, first, following.rollouts) for k, first in pairs]
+            carries = []
+            for k, first in zip(following.actions, counts, strict=True):
+                with Failed.of(k):
+                    scene, belief = self._scenes[k], self._beliefs[k]
+                    carries.append(self._propagator.init_rollouts(scene, belief, first, following.rollouts))
+            return carries
 
         def advance_through(carries, marks):
             return _advance_together(self._propagator, carries, scenes, marks)
@@ -137,14 +123,8 @@ class CandidateRollouts:
             progress(self.halving.spent, self._budget)
 
         shown = None if progress is None else show
-
         run = simulate(begin, advance_through, self._marks, scenes[0], compute_budget, shown)
-        reached = [carries for _, carries in run]
-        return list(zip(*reached, strict=True))
-
-    def _begun(self, k, first, last):
-        with Failed.of(k):
-            return self._propagator.init_rollouts(self._scenes[k], self._beliefs[k], first, last)
+        return list(zip(*(carries for _, carries in run), strict=True))
 
     def _keep(self, following, carries, spent):
         """Add the round's rollouts to those before, and their outcomes to the halving."""

@@ -76,27 +76,14 @@ def conserves_energy(scene, start, touched, group) -> np.ndarray:
 
 
 def energy_loss(scene, start, position, kinetic, first_contact, group) -> np.ndarray:
-    """Compute which share of its energy each body's group lost.
+    """(B,): share of its energy that each body's ``group`` (B,) lost (`conserves_energy`).
 
-    Parameters
-    ----------
-    scene : Scene
-    start : evidence.InitialDiagnostics
-        Its ``least_energy`` is the kinetic energy at the start, from below.
-    position : (B, 3) array
-        Mean positions at the end [m].
-    kinetic : (B,) array
-        Mean kinetic energies at the end, from above [J].
-    first_contact : (B,) array
-        When each body first touched something [s]; infinite without contact.
-    group : (B,) int array
-        As for `conserves_energy`.
+    Mean positions (B, 3) [m] are those at the end, and ``kinetic`` (B,) the mean kinetic energies there, from
+    above [J]; the ``least_energy`` of the start is from below. ``first_contact`` (B,) is when each body first
+    touched something [s]; infinite without contact.
 
-    Returns
-    -------
-    (B,) array
-        Loss, less what slow impacts may take, over the largest kinetic energy that is known: at the start or
-        first contact, or at the end without a loss. A body at the top of its path has no other measure.
+    The loss, less what slow impacts may take, is over the largest kinetic energy that is known: at the start
+    or first contact, or at the end without a loss. A body at the top of its path has no other measure.
     """
     gravity = math.sqrt(scene.gravity @ scene.gravity)
     work = start.mass * ((position - start.mean[:, POSITION]) @ scene.gravity)

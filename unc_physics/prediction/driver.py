@@ -167,7 +167,7 @@ def run(
             if mark.time == 0.0:
                 first = carry
             elif waits:
-                waiting.append((mark, runner.whole(carry) if in_islands else carry))
+                waiting.append((mark, _of_all_bodies(runner, carry)))
             else:
                 snapshots.append(snapshot(propagator, scene, carry, mark, runner))
     except DivergedError:
@@ -233,7 +233,7 @@ def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runne
         raise DivergedError(
             f"diverged within {time:.6g} s; a smaller dt or stiffness may help", field="prediction"
         )
-    whole = runner.whole(carry) if isinstance(runner, IslandRunner) else carry
+    whole = _of_all_bodies(runner, carry)
     draw = draw_rollouts = None
     if isinstance(propagator, Samples):
         draw = partial(propagator.own_samples, whole, scene)
@@ -253,10 +253,14 @@ def points_at_start(scene: Scene, belief: Belief) -> tuple[Belief, ContactHistor
 
 def belief_at_start(propagator: Propagator, runner: Any, scene: Scene, first: Any, initial: Belief) -> Belief:
     """Return the belief at time 0 that was really used: that of the carry ``first``, where any was moved."""
-    whole = runner.whole(first) if isinstance(runner, IslandRunner) else first
-    start = whole.contact_history.start
+    start = _of_all_bodies(runner, first).contact_history.start
     moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
     return runner.belief(first, scene) if moved or scene.overlap == "reject" else initial
+
+
+def _of_all_bodies(runner, carry):
+    """The propagator's carry of all bodies, of islands or of a propagator."""
+    return runner.whole(carry) if isinstance(runner, IslandRunner) else carry
 
 
 def _with_additional_rollouts(
@@ -290,13 +294,16 @@ def _with_additional_rollouts(
         ):
             return waiting, wide
         began, rollouts = clock(), (count, count + more)
-        runner = IslandRunner(propagator, scene, marks, rollouts) if in_islands else None
+        runner: Any = IslandRunner(propagator, scene, marks, rollouts) if in_islands else propagator
+        begin = (
+            partial(runner.init, scene, belief)
+            if in_islands
+            else partial(propagator.init_rollouts, scene, belief, *rollouts)
+        )
         try:
             _, *additional = simulate(
-                partial(propagator.init_rollouts, scene, belief, *rollouts)
-                if runner is None
-                else partial(runner.init, scene, belief),
-                lambda carry, some, of=runner or propagator: of.advance_through(carry, scene, some),
+                begin,
+                lambda carry, some, of=runner: of.advance_through(carry, scene, some),
                 marks,
                 scene,
                 compute_budget,
@@ -306,7 +313,7 @@ def _with_additional_rollouts(
                 compute_budget.limit.flag[0] = 0
             return waiting, wide  # rollouts that are complete are an answer
         waiting = [
-            (mark, propagator.concatenate(carry, new if runner is None else runner.whole(new)))
+            (mark, propagator.concatenate(carry, _of_all_bodies(runner, new)))
             for (mark, carry), (_, new) in zip(waiting, additional, strict=True)
         ]
         simulated += clock() - began

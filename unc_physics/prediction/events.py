@@ -11,7 +11,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -425,8 +425,9 @@ class Touches(BodyEvent):
 
 @dataclass(frozen=True, eq=False)
 class _Pair(Event):
-    """Two events that are combined."""
+    """Two events that are combined, in distances and in truth values alike."""
 
+    combine: ClassVar[Any]  # a ufunc
     one: Event
     other: Event
 
@@ -442,23 +443,22 @@ class _Pair(Event):
         self.one.check(scene, field)
         self.other.check(scene, field)
 
-    def _combined(self, outcomes, combine):
+    def scaled_distances(self, outcomes):
         """Distances of both, combined; those of one where the other has none."""
         one, other = self.one.scaled_distances(outcomes), self.other.scaled_distances(outcomes)
         if one is None or other is None:
             return other if one is None else one
-        return combine(one, other)
+        return self.combine(one, other)
+
+    def bounds(self, outcomes):
+        pairs = zip(self.one.bounds(outcomes), self.other.bounds(outcomes), strict=True)
+        return tuple(self.combine(one, other) for one, other in pairs)
 
 
 class _Both(_Pair):
     """Two events happen."""
 
-    def scaled_distances(self, outcomes):
-        return self._combined(outcomes, np.minimum)
-
-    def bounds(self, outcomes):
-        pairs = zip(self.one.bounds(outcomes), self.other.bounds(outcomes), strict=True)
-        return tuple(one & other for one, other in pairs)
+    combine = np.minimum
 
     @property
     def parts(self):
@@ -471,12 +471,7 @@ class _Both(_Pair):
 class _Either(_Pair):
     """One of two events happens, or both."""
 
-    def scaled_distances(self, outcomes):
-        return self._combined(outcomes, np.maximum)
-
-    def bounds(self, outcomes):
-        pairs = zip(self.one.bounds(outcomes), self.other.bounds(outcomes), strict=True)
-        return tuple(one | other for one, other in pairs)
+    combine = np.maximum
 
     def __str__(self):
         return " or ".join(_bracketed(event, _Both) for event in (self.one, self.other))

@@ -76,17 +76,11 @@ class Bounds(NamedTuple):
 
 
 class IslandRunner:
-    """Runs a propagator island by island, in its place in the driver.
+    """Runs a propagator that supports islands island by island, in its place in the driver.
 
-    Parameters
-    ----------
-    propagator : Propagator and propagators.base.Islands
-    scene : Scene
-        Whose uncertain parameters are each of one moving body (not `Scene.shared_parameters`).
-    marks : sequence of Mark
-        Times at which a belief is wanted, ascending; slices end at those that are whole steps.
-    rollouts : (int, int), optional
-        The first rollout and the one after the last, in place of all (`propagators.base.Rollouts`).
+    Each of the scene's uncertain parameters is of one moving body (not `Scene.shared_parameters`). Slices end
+    at ascending ``marks`` that are whole steps. ``rollouts`` are the first one and the one after the last, in
+    place of all (`propagators.base.Rollouts`).
     """
 
     def __init__(
@@ -410,18 +404,10 @@ class IslandRunner:
         )
 
     def _meeting(self, bounds, time, labels, energy, merge):
-        """Find the islands that may meet within a time.
+        """Find the islands that may meet within a time, and make them one if they are to ``merge``.
 
-        Returns
-        -------
-        labels : (B,) int array
-            Of the islands, those that may meet made one if ``merge``.
-        meeting : bool
-            Whether different islands may meet.
-        pairs : (n, 2) int array
-            Bodies that may touch, of which one moves.
-        contact : (B,) bool array
-            Whether a body may touch something.
+        Returns labels (B,) of the islands, whether different islands may meet, pairs (n, 2) of bodies that
+        may touch, of which one moves, and which bodies (B,) may touch something.
         """
         moving = self._moving
         contact = moving & (np.bincount(labels, moving, len(labels))[labels] > 1)

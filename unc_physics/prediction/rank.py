@@ -251,7 +251,8 @@ def rank_candidates(
     Raises `Failed` with what is wrong with one of them, and otherwise an `UncPhysicsError`.
     """
     count, rollouts = len(candidates), propagator.samples
-    most: int = _budget(count, rollouts) if budget is None else integer(budget, "budget", low=1)
+    usual = max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
+    most: int = usual if budget is None else integer(budget, "budget", low=1)
     if most < count:
         raise InvalidRequestError(
             f"must be at least one rollout for each of {count} actions", field="budget", value=most
@@ -270,7 +271,10 @@ def rank_candidates(
             marks = own
             check_memory(candidate.scene, candidate.belief, propagator, len(own))
     assert marks is not None
-    success = _success(score, smallest_first)
+
+    def success(prediction):
+        return score.happened(_outcomes(prediction)) ^ smallest_first
+
     candidate_rollouts = CandidateRollouts(candidates, propagator, marks, success, most)
     make = functools.partial(_ranking, candidate_rollouts, score, smallest_first, propagator.seed)
     try:
@@ -279,20 +283,6 @@ def rank_candidates(
         error.prediction = make() if candidate_rollouts.rounds else None
         raise
     return make()
-
-
-def _budget(count, rollouts):
-    """Most rollouts of all of so many actions, where nothing is said."""
-    return max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
-
-
-def _success(score, smallest_first):
-    """Whether the rollouts of a prediction count as good, a function of it."""
-
-    def of(prediction):
-        return score.happened(_outcomes(prediction)) ^ smallest_first
-
-    return of
 
 
 def _outcomes(prediction):

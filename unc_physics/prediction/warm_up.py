@@ -96,20 +96,8 @@ def warm_up_in_processes(
     """Run `warm_up` for each propagator, in as many processes as there are processor cores.
 
     Kernels that several propagators need are compiled once: a process waits while another compiles one.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Names of propagators.
-    physics : mapping
-        Arguments of `Scene`.
-
-    Yields
-    ------
-    name : str or None
-        Propagator that is ready, or None several times a second in between.
-    compiled : int
-        Number of kernels that were compiled so far.
+    Yields the name of each propagator that is ready, or None several times a second in between, with the
+    number of kernels that were compiled so far.
     """
     names = list(names)
     for name in names:

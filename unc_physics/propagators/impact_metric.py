@@ -30,18 +30,10 @@ def impact_metric(
 ) -> np.ndarray:
     """(d, d): the map from standard normal numbers to coordinates in which all directions matter alike.
 
-    Parameters
-    ----------
-    scene : Scene
-    mean : (B, 13) array
-        States at time 0.
-    root : (12 m, d - parameters) array
-        Errors that the numbers make, of the moving ``bodies`` (m,).
-    meetings : sequence of (int, int, float, float)
-        Who meets at first: a place in ``bodies`` and another, or -1 for what is fixed; when [s]; and in what
-        share of the rollouts.
-    parameters : int
-        How many of the d numbers are uncertain parameters.
+    ``mean`` (B, 13) are states at time 0, and ``root`` (12 m, d - parameters) the errors that the numbers
+    make of the moving ``bodies`` (m,); so many of the d numbers are uncertain ``parameters``. Each of the
+    ``meetings`` is a place in ``bodies`` and another, or -1 for what is fixed; when they meet at first [s];
+    and in what share of the rollouts.
 
     Notes
     -----

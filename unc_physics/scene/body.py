@@ -246,16 +246,7 @@ def _checked_inertia(value, reach, field):
 class CollisionShape:
     """Spheres of a packing, their tree, and their hull and flat faces, which are computed when first needed.
 
-    Attributes
-    ----------
-    centers : (n, 3) array
-        Body frame [m].
-    radii : (n,) array
-        [m]
-    tree : tuple
-        Sphere tree (`collision.sphere_tree.build`).
-    volume : float
-        Of the solid, which decides whether its faces are solid [m^3].
+    The tree is that of `collision.sphere_tree.build`. The solid's volume decides whether its faces are solid.
     """
 
     def __init__(self, centers: np.ndarray, radii: np.ndarray, volume: float):

@@ -144,14 +144,8 @@ class BodyBelief:
     def at_center_of_mass(self, model_origin: np.ndarray) -> BodyBelief:
         """Return the same belief with the centre of mass as its origin.
 
-        Parameters
-        ----------
-        model_origin : (3,) array
-            Origin of the model's coordinates, body frame [m] (`SpherePacking.origin`).
-
-        Notes
-        -----
-        The covariance is mapped to first order in the rotation error.
+        ``model_origin`` (3,) is the origin of the model's coordinates, body frame [m]
+        (`SpherePacking.origin`). The covariance is mapped to first order in the rotation error.
         """
         if self.origin == "center_of_mass":
             return self

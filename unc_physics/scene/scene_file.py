@@ -47,7 +47,7 @@ _SCENE_KEYS = (PRESET, EXACT, *PHYSICS_KEYS, "horizon", "bodies", "environment",
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _MOTION_KEYS = ("surface_velocity", "surface_angular_velocity", "surface_center")
 _ELEMENT_KEYS = ("name", *_SURFACE_KEYS, "surface_tilt_std", *_MOTION_KEYS)
-_BODY_KEYS = (
+_MODEL_KEYS = (
     "name",
     "model",
     "shape",
@@ -57,24 +57,34 @@ _BODY_KEYS = (
     "mass_std",
     "center_of_mass_std",
     "inertia",
-    "origin",
-    *MEANS,
-    "orientation",
-    "roll_pitch_yaw",
-    *STDS,
-    "covariance",
-    "fixed",
-    "at_rest",
-    "trajectory",
-    "trajectory_std",
-    "attached_to",
-    "attached_at",
-    "released_at",
-    "released_at_std",
-    "wrenches",
-    "drag",
-    *_SURFACE_KEYS,
 )
+
+
+def _vector(value, field):
+    return read_numbers(value, (3,), field)
+
+
+def _as_it_is(value, field):
+    return value
+
+
+#: Readers of the entries of a body that are fields of `BodyBelief`, and of those about its actions.
+_BELIEF = {
+    "origin": _as_it_is,
+    **dict.fromkeys(MEANS, _vector),
+    "orientation": lambda value, field: read_numbers(value, (4,), field),
+    "roll_pitch_yaw": _vector,
+    **dict.fromkeys(STDS, read_std),
+    "covariance": lambda value, field: read_numbers(value, (ERROR, ERROR), field),
+}
+_ACTIONS = {
+    "trajectory_std": lambda value, field: read_numbers(value, (6,) if value != 0 else (), field),
+    "attached_to": _as_it_is,
+    **dict.fromkeys(("attached_at", "released_at", "released_at_std"), number),
+    "wrenches": read_wrenches,
+    "drag": non_negative,
+}
+_BODY_KEYS = (*_MODEL_KEYS, *_BELIEF, "fixed", "at_rest", "trajectory", *_ACTIONS, *_SURFACE_KEYS)
 
 
 class LoadedScene(NamedTuple):
@@ -291,7 +301,11 @@ def _body(content, field, models_dir, folder, spheres, meets):
     if not isinstance(fixed, bool):
         raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
     trajectory = _trajectory(content, field)
-    belief = _body_belief(content, field)
+    if content.get("covariance") is not None:
+        for key in STDS:
+            if content.get(key) is not None:
+                raise InvalidRequestError(f"must not be given beside {key}", field=f"{field}.covariance")
+    belief = at_field(field, BodyBelief, **_read(content, field, _BELIEF))
     mass_std, com_std = (
         0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std")
     )
@@ -335,7 +349,7 @@ def _body(content, field, models_dir, folder, spheres, meets):
         at_rest,
         inertia,
         trajectory,
-        **_actions(content, field),
+        **_read(content, field, _ACTIONS),
         **surface,
     )
     belief = belief.at_center_of_mass(model.origin)
@@ -371,7 +385,7 @@ def _trajectory(content, field):
     """Return the path of a body, or None."""
     if content.get("trajectory") is None:
         return None
-    for key in ("origin", *MEANS, "orientation", "roll_pitch_yaw", *STDS, "covariance"):
+    for key in _BELIEF:
         if content.get(key) is not None:
             raise InvalidRequestError(
                 "must be absent: the body's trajectory says where it is", field=f"{field}.{key}"
@@ -379,54 +393,21 @@ def _trajectory(content, field):
     return read_path(content["trajectory"], f"{field}.trajectory")
 
 
-def _actions(content, field):
-    """Return other action entries of a body, as arguments of `RigidBody`."""
-    given = {}
-    if content.get("trajectory_std") is not None:
-        std = content["trajectory_std"]
-        given["trajectory_std"] = read_numbers(std, (6,) if std != 0 else (), f"{field}.trajectory_std")
-    for key in ("attached_to", "attached_at", "released_at", "released_at_std"):
-        if content.get(key) is not None:
-            value = content[key]
-            given[key] = value if key == "attached_to" else number(value, f"{field}.{key}")
-    if content.get("wrenches") is not None:
-        given["wrenches"] = read_wrenches(content["wrenches"], f"{field}.wrenches")
-    if content.get("drag") is not None:
-        given["drag"] = non_negative(content["drag"], f"{field}.drag")
-    return given
-
-
-def _body_belief(content, field):
-    """Return the belief that the entries of a body describe."""
-    given = {}
-    if content.get("origin") is not None:
-        given["origin"] = content["origin"]
-    for key in (*MEANS, "orientation", "roll_pitch_yaw"):
-        if content.get(key) is not None:
-            given[key] = read_numbers(content[key], (4 if key == "orientation" else 3,), f"{field}.{key}")
-    for key in STDS:
-        if content.get(key) is not None:
-            given[key] = read_std(content[key], f"{field}.{key}")
-    if content.get("covariance") is not None:
-        stds = [key for key in STDS if key in given]
-        if stds:
-            raise InvalidRequestError(f"must not be given beside {stds[0]}", field=f"{field}.covariance")
-        given["covariance"] = read_numbers(content["covariance"], (ERROR, ERROR), f"{field}.covariance")
-    return at_field(field, BodyBelief, **given)
+def _read(content, field, readers):
+    """Return the entries of a body that have readers, by key."""
+    return {
+        key: read(content[key], f"{field}.{key}")
+        for key, read in readers.items()
+        if content.get(key) is not None
+    }
 
 
 def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None, meets=True):
-    """A packing from the library or a file, cut to its first ``spheres`` and scaled.
+    """Return a packing from the library or a file, cut to its first ``spheres`` and scaled.
 
     `AUTO` takes the fewest spheres that stand for the body (`SpherePacking.sufficient_count`); ``meets`` is
-    whether it may touch something else than planes. None takes all.
-
-    The same arguments give the same object while the file is unchanged, so that its sphere tree is built
-    once.
-
-    Raises
-    ------
-    UnknownModelError, InvalidModelError
+    whether it may touch something else than planes. None takes all. The same arguments give the same object
+    while the file is unchanged, so that its sphere tree is built once.
     """
     if folder is not None and model.endswith(".npz") and not model.startswith("~"):
         model = str(Path(folder) / model)

@@ -25,22 +25,10 @@ _WORLD = 1.2  # half the edge of a drawn plane, relative to the visible scene
 
 
 class Drawing:
-    """Drawing of a scene on a viser server.
+    """Drawing of a scene on a viser server, with the ``frames`` that are shown now.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    scene : Scene
-    frames : AnimationFrames
-        Frames that are shown first; they also determine the camera and the planes' size.
-    meshes : mapping of str to path-like
-        Mesh files by body name, drawn instead of the spheres.
-
-    Attributes
-    ----------
-    scene : Scene
-    frames : AnimationFrames
-        Frames that are shown now.
+    The first frames determine the camera and the planes' size. Bodies with a mesh file, by name, are drawn
+    with it instead of their spheres.
     """
 
     def __init__(
@@ -76,8 +64,7 @@ class Drawing:
                 position = middle - (middle - position) @ normal * normal
             self._page.add_mesh_simple(
                 f"/environment/{k}",
-                vertices.astype(np.float32),
-                faces.astype(np.uint32),
+                *_single(vertices, faces),
                 color=_ELEMENT,
                 opacity=_THROUGH if element.finite else None,
                 flat_shading=element.shape in ("box", "plane"),
@@ -93,11 +80,7 @@ class Drawing:
         if mesh is not None:
             vertices, faces = fitted_mesh(mesh, body.model)
             self._page.add_mesh_simple(
-                f"/bodies/{k}/mesh",
-                vertices.astype(np.float32),
-                faces.astype(np.uint32),
-                color=color,
-                flat_shading=True,
+                f"/bodies/{k}/mesh", *_single(vertices, faces), color=color, flat_shading=True
             )
         else:
             count = min(len(body.model), _SPHERES)
@@ -105,8 +88,7 @@ class Drawing:
             vertices, faces = primitive("sphere", (1.0,), fine)
             self._page.add_batched_meshes_simple(
                 f"/bodies/{k}/spheres",
-                vertices.astype(np.float32),
-                faces.astype(np.uint32),
+                *_single(vertices, faces),
                 batched_wxyzs=np.tile(np.array([1.0, 0.0, 0.0, 0.0], np.float32), (count, 1)),
                 batched_positions=body.model.centers[:count].astype(np.float32),
                 batched_scales=body.model.radii[:count].astype(np.float32),
@@ -124,8 +106,7 @@ class Drawing:
         vertices, faces = joined_spheres(body.model, _GHOST_SPHERES, 1)
         return self._page.add_batched_meshes_simple(
             f"/ghosts/{k}",
-            vertices.astype(np.float32),
-            faces.astype(np.uint32),
+            *_single(vertices, faces),
             batched_wxyzs=self.frames.ghost_orientations[0, :, k].astype(np.float32),
             batched_positions=self.frames.ghost_positions[0, :, k].astype(np.float32),
             batched_colors=self._color(k),
@@ -176,8 +157,7 @@ class Drawing:
             shown.append(
                 self._page.add_mesh_simple(
                     f"/ellipsoids/{k}/{len(shown)}",
-                    vertices.astype(np.float32),
-                    faces.astype(np.uint32),
+                    *_single(vertices, faces),
                     color=self._color(k),
                     opacity=_ELLIPSOID_OPACITY,
                     cast_shadow=False,
@@ -204,6 +184,11 @@ class Drawing:
         with self._drawing:
             self._ellipsoids_shown = shown
             self.show(self._frame)
+
+
+def _single(vertices, faces):
+    """Return a mesh in the types that viser sends."""
+    return vertices.astype(np.float32), faces.astype(np.uint32)
 
 
 def _things(scene):

@@ -25,17 +25,9 @@ _LAST_PREDICTION = 5.0  # s, longest wait for the last prediction on closing
 
 
 class Page:
-    """Page that shows a session until it is closed.
+    """Page that shows a session until it is closed; any client that reaches ``host`` can view and adjust.
 
-    Parameters
-    ----------
-    session : Session
-    host : str
-        Address to listen on; any client that reaches it can view and adjust.
-    port : int
-    title : str
-    meshes : mapping of str to path-like, optional
-        Mesh files, as in `Drawing`.
+    Mesh files are as in `Drawing`.
     """
 
     def __init__(

@@ -35,18 +35,8 @@ def check_installed(what: str) -> None:
 class Session:
     """Viewed scene and belief, as given and as adjusted.
 
-    Parameters
-    ----------
-    scene : Scene
-    belief : Belief
-    horizon : float
-        [s]
-    propagator : Propagator
-        Initial propagator.
-    frames : int
-        Number of times shown.
-    ghosts : int
-        Number of samples drawn.
+    The page shows so many ``frames`` up to the horizon [s], and ``ghosts`` samples in each. The propagator is
+    the first one.
     """
 
     def __init__(
