@@ -71,12 +71,8 @@ def recorded(
 ) -> list[Recorded]:
     """Motions with their starts, which are fitted to the first poses where none are given.
 
-    Motions that touch something within their first poses are then left out.
-
-    Raises
-    ------
-    InvalidRequestError
-        If none is left.
+    Motions that touch something within their first poses are then left out; raises `InvalidRequestError` if
+    none is left.
     """
     found = []
     for k, motion in enumerate(motions):

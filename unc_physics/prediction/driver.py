@@ -121,14 +121,9 @@ def run(
 ) -> Run:
     """Propagate a belief to all marks; the arguments are checked already.
 
-    Anytime propagators go on until the probabilities of ``events`` are known at all marks.
-
-    Raises
-    ------
-    DivergedError
-        If a belief is not finite.
-    UncPhysicsError
-        As `simulate`; its ``prediction`` is then the `Run` to the time reached, or None.
+    Anytime propagators go on until the probabilities of ``events`` are known at all marks. Raises
+    `DivergedError` if a belief is not finite, and what `simulate` raises; the ``prediction`` of such an error
+    is the `Run` to the time reached, or None.
     """
     belief = constrain_belief(scene, given)
     initial = belief if scene.acts else given  # where prescribed bodies are is not for a belief to say
@@ -214,14 +209,9 @@ def _unchanged(carry, later):
 
 
 def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runner: Any = None) -> Snapshot:
-    """Return what a carry says at a mark.
+    """Return what a carry says at a mark; raises `DivergedError` if the belief is not finite.
 
     ``runner`` is what made it, by default the propagator; with islands the carry is theirs.
-
-    Raises
-    ------
-    DivergedError
-        If the belief is not finite.
     """
     runner = propagator if runner is None else runner
     time = mark.time

@@ -86,15 +86,8 @@ class SequentialHalving:
     so that about half of the actions stay each time (successive halving, Karnin et al. 2013). Two stay in any
     case, unless one is a clear loser; the last one gets what it may, to be known well.
 
-    Parameters
-    ----------
-    actions : int
-    rollouts : int
-        Most of one action.
-    budget : int
-        Most of all together; at least one for each.
-    risk : float
-        Probability that the best action is among those that are called clearly worse, at most.
+    ``rollouts`` are the most of one action, and ``budget`` the most of all together, at least one for each.
+    ``risk`` is the probability, at most, that the best action is among those that are called clearly worse.
 
     Attributes
     ----------

@@ -110,7 +110,7 @@ def _block(prediction, k):
     names = [printable(body.name) for body in scene.bodies]
     width = max(4, *map(len, names))
     lines = [
-        f"t = {time:g} s  ({prediction.propagator.name}, {_duration(prediction.wall_time)})",
+        f"t = {time:g} s  ({prediction.propagator.name}, {duration_text(prediction.wall_time)})",
         f"{'body':<{width}}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}"
         + f"  {'std of position [m]':^26}  std of rotation [deg]",
     ]
@@ -162,5 +162,6 @@ def in_a_row(values, spec: str) -> str:
     return " ".join(f"{value:{spec}}" for value in values)
 
 
-def _duration(seconds):
+def duration_text(seconds: float) -> str:
+    """Return a duration with its unit."""
     return f"{1e3 * seconds:.3g} ms" if seconds < 0.9995 else f"{seconds:.3g} s"

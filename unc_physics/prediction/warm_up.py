@@ -51,20 +51,9 @@ def warm_up(
 ) -> None:
     """Predict two bodies in contact by each propagator, so that what it needs is compiled or loaded.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Of propagators; by default all.
-    physics : mapping
-        Arguments of `Scene`. Propagators of other packages that do not run on its integrator are left out.
-    answer : callable, optional
-        What is done with a scene, a belief, a propagator and a horizon [s]; by default they are predicted and
-        the prediction is judged.
-
-    Raises
-    ------
-    UnknownPropagatorError
-        If there is no such propagator.
+    ``physics`` are arguments of `Scene`; propagators of other packages that do not run on its integrator are
+    left out. ``answer`` takes a scene, a belief, a propagator and a horizon [s]; by default they are
+    predicted and the prediction is judged.
     """
     stiffness = physics.get("stiffness")
     own_physics = {**physics, "overlap": None}  # which all propagators take

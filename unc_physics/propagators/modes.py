@@ -57,22 +57,15 @@ def only_mode(belief: Belief, body: int) -> Mode:
 
 
 def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
-    """Split rollouts of one body into modes, the most probable first.
-
-    Parameters
-    ----------
-    states : (S, 13) array
-        Of the body, one of each rollout.
-    radius : float
-        Of the body [m].
+    """Split rollouts of one body, states (S, 13), into modes, the most probable first; its radius is in m.
 
     Notes
     -----
     Coordinates are positions and rotations in units of their spread; those that spread by less than 1 % of
     the body's radius, or 0.01 rad, do not count. k-means from several starts divides the rollouts in two, and
     the cut is where the gap along the line between both means is widest. Parts are divided again as long as
-    there is a gap, so that one mode is the rule. Rollouts far from the others of their part belong to
-    the part of the rollout that they come nearest to within 0.3 s. Parts in the same place, or of fewer than
+    there is a gap, so that one mode is the rule. Rollouts far from the others of their part belong to the
+    part of the rollout that they come nearest to within 0.3 s. Parts in the same place, or of fewer than
     three rollouts, are united again. A mode's weight, mean and covariance are those of its rollouts.
     """
     _, errors = mean_and_errors(np.ascontiguousarray(states[:, None]), np.arange(1))

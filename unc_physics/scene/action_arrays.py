@@ -15,7 +15,6 @@ from ..spatial.layout import (
     ERROR,
     POSITION,
     QUATERNION,
-    STATE,
     VELOCITY,
 )
 from ..spatial.rotation import exp, multiply, rotation_matrix
@@ -118,7 +117,7 @@ def held_at_start(scene: Scene) -> np.ndarray:
 
 def with_kinematic(scene: Scene, mean: np.ndarray, time: float) -> np.ndarray:
     """Return states (B, 13) in which prescribed bodies have the states of their paths."""
-    some = [k for k, body in enumerate(scene.bodies) if body.trajectory is not None]
+    some = _paths(scene)
     if not some:
         return mean
     mean, actions = mean.copy(), scene.actions
@@ -166,12 +165,14 @@ def start_states(scene: Scene, states: np.ndarray, z: np.ndarray) -> np.ndarray:
         return states
     states, nominal = states.copy(), scene.actions
     before = {k: path_states(scene, k, [0.0], nominal) for k in _paths(scene)}
-    after = {k: np.empty((len(states), STATE)) for k in before}
-    for n in range(len(states)):
-        own = vary_actions(scene, nominal, z[n]) if scene.uncertain else nominal
-        for k, rows in after.items():
-            rows[n] = path_states(scene, k, [0.0], own)[0] if scene.uncertain else before[k][0]
-            states[n, k] = rows[n]
+    after = {k: np.repeat(state, len(states), axis=0) for k, state in before.items()}
+    if scene.uncertain:
+        for n in range(len(states)):
+            own = vary_actions(scene, nominal, z[n])
+            for k, rows in after.items():
+                rows[n] = path_states(scene, k, [0.0], own)[0]
+    for k, rows in after.items():
+        states[:, k] = rows
     for k in np.flatnonzero(held_at_start(scene)):
         carrier = int(nominal.carrier[k])
         at = states[:1, carrier].copy()

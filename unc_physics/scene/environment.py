@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cache, partial
 from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
 import numpy as np
@@ -29,19 +29,11 @@ class Quantity(NamedTuple):
     check: Callable[[Any, str], Any]
 
 
-def _number(value, field):
-    return number(value, field, InvalidEnvironmentError)
-
-
 def _length(value, field):
     length = positive(value, field, InvalidEnvironmentError)
     if length > FARTHEST:
         raise LimitExceededError(f"must be at most {FARTHEST:g} m", field=field, value=length)
     return length
-
-
-def _point(value, field):
-    return point(value, field, InvalidEnvironmentError)
 
 
 def _lengths(value, field):
@@ -63,10 +55,10 @@ def _direction(value, field):
 
 
 #: Annotated types of an element's fields; scene files and checks read them.
-Number = Annotated[float, Quantity((), _number)]
+Number = Annotated[float, Quantity((), partial(number, error=InvalidEnvironmentError))]
 Length = Annotated[float, Quantity((), _length)]
 Lengths = Annotated[Array, Quantity((3,), _lengths)]
-Point = Annotated[Array, Quantity((3,), _point)]
+Point = Annotated[Array, Quantity((3,), partial(point, error=InvalidEnvironmentError))]
 Direction = Annotated[Array, Quantity((3,), _direction)]
 Orientation = Annotated[Array, Quantity((4,), quaternion)]
 
@@ -200,7 +192,7 @@ def surface_tilt_std(value, field) -> float:
     return std
 
 
-@functools.cache
+@cache
 def quantities(kind: type[Element]) -> dict[str, Quantity]:
     """Return the numeric fields of a kind of element."""
     hints = get_type_hints(kind, include_extras=True)

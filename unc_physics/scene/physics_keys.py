@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 from ..checks.errors import InvalidHorizonError, InvalidOptionError, LimitExceededError
@@ -40,10 +41,6 @@ def check_integrator(name: Any, field: str = "integrator") -> str:
             value=name,
         )
     return _one_of(INTEGRATORS, name, field)
-
-
-def _check_overlap(name, field):
-    return _one_of(OVERLAPS, name, field)
 
 
 def _one_of(choices, name, field):
@@ -139,5 +136,7 @@ PHYSICS_KEYS = {
         "How steps are taken: as in the paper ('explicit'), or with contacts that are solved for, with"
         " friction and rest ('implicit').",
     ),
-    "overlap": PhysicsKey(_check_overlap, f"What becomes of overlap at the start: {', '.join(OVERLAPS)}."),
+    "overlap": PhysicsKey(
+        partial(_one_of, OVERLAPS), f"What becomes of overlap at the start: {', '.join(OVERLAPS)}."
+    ),
 }

@@ -375,13 +375,7 @@ class Scene:
 
     @cached_property
     def world(self) -> World:
-        """The scene as the kernels' arrays.
-
-        Raises
-        ------
-        InvalidRequestError
-            If the stiffness has not been chosen.
-        """
+        """The scene as the kernels' arrays; an `InvalidRequestError` if the stiffness is not chosen yet."""
         if self.stiffness is None:
             raise InvalidRequestError(
                 "is chosen when a prediction begins; give one, or take stiffness.with_stiffness",

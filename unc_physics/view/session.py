@@ -12,6 +12,7 @@ from ..prediction.events import AtRest, encounters, moving_names
 from ..prediction.predict import predict
 from ..prediction.prediction import Prediction
 from ..prediction.status import assess
+from ..prediction.tables import duration_text
 from ..propagators.base import Propagator
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
@@ -89,7 +90,7 @@ class Session:
         prediction = self.prediction
         if prediction is None:
             return ""
-        lines = [f"**{prediction.propagator.name}**, {_duration(prediction.wall_time)}", ""]
+        lines = [f"**{prediction.propagator.name}**, {duration_text(prediction.wall_time)}", ""]
         for body in prediction.bodies:
             if not (body.fixed or body.prescribed):
                 std = ", ".join(plain_digits(1e3 * value, 2) for value in body.position_std)
@@ -124,10 +125,6 @@ class Session:
 def _events(scene):
     """Return the events whose probabilities are shown."""
     return [*encounters(scene), *(AtRest(name) for name in moving_names(scene))]
-
-
-def _duration(seconds):
-    return f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
 
 
 def _plain(text):
