@@ -157,9 +157,9 @@ def pose_noise(starts: Sequence[FlightStart]) -> tuple[float, float]:
     Trackers filter, so their errors last from pose to pose and show here in part only.
     """
     freedom = sum(start.freedom for start in starts)
-    squares = [sum(getattr(start, name) for start in starts) for name in FlightStart._fields[4:6]]
-    position, rotation = (float(np.sqrt(value / max(freedom, 1))) for value in squares)
-    return position, rotation
+    position = sum(start.position_squares for start in starts) / max(freedom, 1)
+    rotation = sum(start.rotation_squares for start in starts) / max(freedom, 1)
+    return float(np.sqrt(position)), float(np.sqrt(rotation))
 
 
 def flight_gravity(motions: Sequence[Motion], scene: Scene) -> np.ndarray | None:

@@ -85,10 +85,10 @@ def share(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> f
     return result
 
 
-def flag(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> bool:
+def flag(value, field) -> bool:
     """Return a boolean; other truthy or falsy values are errors."""
     if not isinstance(value, (bool, np.bool_)):
-        raise error("must be true or false", field=field, value=value)
+        raise InvalidRequestError("must be true or false", field=field, value=value)
     return bool(value)
 
 

@@ -126,13 +126,8 @@ def _action(changes, origins, field) -> Any:
 
 
 def _entry(key, value, field):
-    """The value of a field, which is written as in a scene file."""
+    """The value of a field, which is written as in a scene file; a list of numbers as an array."""
     if value is not None and key in _READ:
         return _READ[key](value, field)
-    return _numbers(value)
-
-
-def _numbers(value):
-    """A list of numbers as an array; anything else as it is."""
     plain = isinstance(value, list) and all(isinstance(entry, (int, float)) for entry in value)
     return np.array(value, float) if plain else value

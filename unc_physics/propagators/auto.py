@@ -26,28 +26,6 @@ _WORTH = 1.0 / 16.0  # share of the rollouts: time that is left for fewer more i
 class Auto(Cloud, Anytime):
     """A cloud of as many rollouts as a wanted error or a time takes.
 
-    Attributes
-    ----------
-    runs : int
-        The most rollouts.
-    first : int
-        Rollouts to begin with; 0 for 32, or 12 where ``time`` is limited.
-    samples, seed
-        As of `Cloud`.
-    time : float
-        Wall time for rollouts and beliefs, at all of the prediction's times [s]; 0 for any. The size of the
-        last batch is estimated from the time left.
-    error : float
-        Sufficient standard error of each mean, over the standard deviation. With 0 it continues up to
-        ``runs``, unless other errors are limited.
-    spread_error : float
-        Sufficient standard error of each standard deviation, over it; 0 for no limit.
-    position_error, rotation_error : float
-        As ``error``, in m and rad; 0 for no limit.
-    probability_error : float
-        Sufficient standard error of the probability of each requested event: the half width of its interval,
-        in standard deviations. 0 for no limit.
-
     Notes
     -----
     A batch simulates only new rollouts, because the points are nested. It has as many as the errors still
@@ -58,11 +36,14 @@ class Auto(Cloud, Anytime):
 
     name = "auto"
 
+    #: it begins with 32, or with 12 where time is limited
     runs: int = option(1024, "the most rollouts", low=FEWEST_RUNS, high=100_000)
     first: int = option(
         0, "rollouts to begin with; 0 for 32, or 12 where time is limited", low=0, high=100_000
     )
+    #: at all of the prediction's times; the size of the last batch is estimated from the time left
     time: float = option(0.0, "wall time for rollouts and beliefs [s]; 0 for any", low=0.0)
+    #: with 0 it continues up to ``runs``, unless other errors are limited
     error: float = option(0.1, "standard error of means that is enough, over the standard deviation", low=0.0)
     spread_error: float = option(
         0.1, "standard error of standard deviations that is enough, over these; 0 for any", low=0.0
@@ -71,6 +52,7 @@ class Auto(Cloud, Anytime):
     rotation_error: float = option(
         0.0, "standard error of rotations that is enough [rad]; 0 for any", low=0.0
     )
+    #: the half width of the interval of each requested event, in standard deviations
     probability_error: float = option(
         0.03, "standard error that is enough of probabilities that are asked for; 0 for any", low=0.0
     )

@@ -98,15 +98,6 @@ class CloudCarry(_Carry):
 class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedFormFlight):
     """Quasi-random rollouts with a response surface.
 
-    Attributes
-    ----------
-    runs : int
-        Number of rollouts. A prediction with fewer has the first ones of one with more.
-    samples : int
-        Number of samples that the answer consists of.
-    seed : int
-        Of the points' scrambling.
-
     Notes
     -----
     Rollouts begin at scrambled Sobol points of the belief. A Gaussian process interpolates their outcomes. A
@@ -122,9 +113,10 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
     supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS, impact_errors=True)
     resamples = True
 
+    #: a prediction with fewer has the first ones of one with more
     runs: int = option(32, "number of rollouts", low=FEWEST_RUNS, high=RUNS_LIMIT)
     samples: int = option(1000, "number of samples that the answer consists of", low=1, high=SAMPLES_LIMIT)
-    seed: int = option(0, "seed of the points", low=0)
+    seed: int = option(0, "seed of the points", low=0)  # of their scrambling
 
     def init(self, scene, belief):
         return self.init_rollouts(scene, belief, 0, self.runs)

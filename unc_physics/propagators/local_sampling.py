@@ -41,13 +41,6 @@ class LocalSamplingCarry(NamedTuple):
 class LocalSampling(Propagator, Islands, ClosedFormFlight):
     """Local sampling, one body at a time (Eqs. 30 to 35).
 
-    Attributes
-    ----------
-    samples : int
-        Perturbed copies of each contact.
-    seed : int
-        The draws depend on it, the step, the contact and the sample, and on nothing else.
-
     Notes
     -----
     The mean is a rollout with the full physics. A perturbed contact keeps the nominal volume; its direction
@@ -60,6 +53,7 @@ class LocalSampling(Propagator, Islands, ClosedFormFlight):
     integrators = INTEGRATORS
 
     samples: int = option(32, "perturbed copies of each contact", low=1, high=_SAMPLES_LIMIT)
+    #: the draws depend on it, the step, the contact and the sample, and on nothing else
     seed: int = option(0, "seed of the draws", low=0)
 
     def init(self, scene, belief):

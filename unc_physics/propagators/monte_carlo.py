@@ -45,16 +45,6 @@ class MonteCarloCarry(NamedTuple):
 class MonteCarlo(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands):
     """Monte Carlo sampling.
 
-    Attributes
-    ----------
-    samples : int
-        Number of rollouts.
-    seed : int
-        Of the initial draws. A run with fewer samples has the first ones of a run with more.
-    reduce : bool
-        Whether the common motion of bodies that can meet nothing but each other is left to a closed form
-        (`reduction`). It does nothing where there is something else to meet.
-
     Notes
     -----
     Mean and covariance are the samples' own, with weights 1/N; rotations are averaged by the Karcher mean.
@@ -68,7 +58,10 @@ class MonteCarlo(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands):
     supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS, impact_errors=True, overlap_rejection=True)
 
     samples: int = option(1000, "number of rollouts", low=1, high=SAMPLES_LIMIT)
+    #: a run with fewer samples has the first draws of a run with more
     seed: int = option(0, "seed of the draws", low=0)
+    #: common motion is that of bodies that can meet nothing but each other (`reduction`); the option does
+    #: nothing where there is something else to meet
     reduce: bool = option(False, "whether common motion is left to a closed form")
 
     def init(self, scene, belief):

@@ -46,16 +46,6 @@ class SigmaPointCarry(NamedTuple):
 class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
     """Persistent sigma points.
 
-    Attributes
-    ----------
-    points : {'minimal', 'full'}
-        ``full`` spreads points along all 12 B directions of the moving bodies, as in the paper. ``minimal``
-        spreads them along the r uncertain directions of the initial belief only. It needs fewer points, which
-        lie less far out. Each uncertain parameter of the scene is one direction more.
-    reduce : bool
-        Whether ``minimal`` leaves the common motion of bodies that can meet nothing but each other to a
-        closed form (`reduction`). It does nothing where there is something else to meet.
-
     Notes
     -----
     With n directions, the 2 n + 1 points have equal weights and lambda = 1/2, so that they rebuild the
@@ -68,11 +58,16 @@ class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
     integrators = INTEGRATORS
     supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS)
 
+    #: ``full`` spreads points along all 12 B directions of the moving bodies, as in the
+    #: paper. ``minimal`` spreads them along the r uncertain directions of the initial belief only. It needs
+    #: fewer points, which lie less far out. Each uncertain parameter of the scene is one direction more.
     points: str = option(
         "minimal",
         "directions that points are spread along: the uncertain ones, or all",
         choices=("minimal", "full"),
     )
+    #: common motion is that of bodies that can meet nothing but each other (`reduction`); the option does
+    #: nothing where there is something else to meet
     reduce: bool = option(False, "whether minimal points leave common motion to a closed form")
 
     def init(self, scene, belief):

@@ -38,11 +38,6 @@ class SurrogateCarry(NamedTuple):
 class Surrogate(Propagator, Islands, ClosedFormFlight):
     """Square-root surrogate model, one body at a time (Eqs. 11 to 24).
 
-    Attributes
-    ----------
-    k_sigma : float
-        How many standard deviations of the contact's position tilt its normal (Eq. 20).
-
     Notes
     -----
     The mean is a rollout with the full physics. The contact points of Eqs. 16 to 20 and 23 are the spheres'
@@ -54,6 +49,7 @@ class Surrogate(Propagator, Islands, ClosedFormFlight):
     traits = Traits("nominal", "square-root, per body", False, True, "surrogate")
     integrators = INTEGRATORS
 
+    #: how many standard deviations of the contact's position tilt its normal (Eq. 20)
     k_sigma: float = option(
         3.0, "standard deviations of a contact's position that tilt its normal", positive=True
     )

@@ -42,17 +42,10 @@ class Materials(NamedTuple):
 
     Surfaces without their own value have the scene's. A contact has the geometric mean of its two partners'
     values.
-
-    Attributes
-    ----------
-    friction : (B + E,) float64
-        Coefficient of Coulomb friction.
-    restitution : (B + E,) float64
-        Coefficient of restitution, from 0, no rebound, to 1, elastic.
     """
 
-    friction: np.ndarray
-    restitution: np.ndarray
+    friction: np.ndarray  # (B + E,) float64: coefficient of Coulomb friction
+    restitution: np.ndarray  # (B + E,) float64: coefficient of restitution, from 0, no rebound, to 1, elastic
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

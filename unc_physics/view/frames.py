@@ -22,7 +22,6 @@ _LIKELY = 0.01  # least probability of a mode that is shown
 class Ellipsoid(NamedTuple):
     """Ellipsoid of a body's position, with `SIGMAS` standard deviations, in one mode."""
 
-    weight: float  # probability of the mode
     position: np.ndarray  # (3,): position of the centre of mass [m]
     orientation: np.ndarray  # (4,): quaternion (w, x, y, z), as viser expects
     half_axes: np.ndarray  # (3,) [m]
@@ -87,4 +86,4 @@ def _ellipsoid(mode):
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] *= -1.0
     half_axes = np.maximum(SIGMAS * np.sqrt(np.maximum(values, 0.0)), _THIN)
-    return Ellipsoid(float(mode.weight), mode.mean[POSITION], quaternion_of(axes), half_axes)
+    return Ellipsoid(mode.mean[POSITION], quaternion_of(axes), half_axes)
