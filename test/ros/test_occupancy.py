@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from std_msgs.msg import Header
 
 from unc_physics import load_model
-from unc_physics.ros.occupancy import OccupancyTopics, ellipsoid_radius, occupied_box
+from unc_physics.ros.markers import OccupancyTopics, ellipsoid_radius, occupied_box
 
 DRAWS = 4000
 

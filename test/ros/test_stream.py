@@ -15,21 +15,21 @@ from shape_msgs.msg import Plane
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from unc_physics.ros.detected import scene_of_detections
 from unc_physics.ros.environment import NodeEnvironment
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.pace import Pace
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.streams import (
     LatestWorker,
+    Pace,
     StreamedScene,
     prepared,
     request_of,
-    scene_of_detections,
     topic_name,
+    transforms,
 )
-from unc_physics.ros.transforms import transforms
 from unc_physics_msgs.msg import EnvironmentElement, PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]

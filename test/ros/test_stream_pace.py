@@ -18,11 +18,10 @@ from running import Inbox, wait_until
 from scenes import moving_object, position_of
 
 from unc_physics import make_propagator
-from unc_physics.ros import UncPhysicsNode
-from unc_physics.ros import pace as pace_module
+from unc_physics.ros import UncPhysicsNode, streams
 from unc_physics.ros.connection import spin
 from unc_physics.ros.messages.fields import seconds
-from unc_physics.ros.pace import Pace
+from unc_physics.ros.streams import Pace
 from unc_physics_msgs.msg import Prediction, Scene
 
 NODE = "hurried"
@@ -33,7 +32,7 @@ SHIFT = 3.0  # m, of the camera
 
 def test_the_limit_is_half_the_period_of_the_input(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(pace_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(streams.time, "monotonic", lambda: now[0])
     pace = Pace()
     assert pace.limit(0.3) == 0.3
     for interval in (0.0, 0.1, 0.1, 5.0, 0.1, 0.1):  # a pause is not the period

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from unc_physics_msgs.action import PredictLong
 from unc_physics_msgs.msg import ModelInfo, ModelList, PredictionRequest, TrackedObjects
@@ -56,21 +55,18 @@ from .messages.actions import write_actions
 from .messages.environment import write_region
 from .messages.events import message_of, object_events
 from .messages.fields import duration, nanoseconds, read_error, seconds, stamp_of
-from .messages.physics import read_physics
 from .messages.prediction import read_answer
 from .messages.ranking import read_candidate, read_ranking, write_candidate, write_score
-from .messages.request import Query, RequestedOutputs, write_request
+from .messages.request import Query, RequestedOutputs, read_physics, write_request
 from .messages.scene import read_scene, write_object
 from .messages.tracking import TrackedBody, read_tracked, write_measurement
 from .models import ModelLibrary
+from .services import LATCHED
 from .streams import topic_name
 
 if TYPE_CHECKING:
     from typing_extensions import Self, Unpack
 
-_LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
 _THREADS = 8  # threads that wait for answers
 _PACKING_POLL_PERIOD = 0.2  # s
 _DISCOVERY_POLL_PERIOD = 0.01  # s
@@ -142,7 +138,7 @@ class Client:
         self._models: dict[str, ModelInfo] = {}
         self._pool = ThreadPoolExecutor(_THREADS, "unc_physics client")
         self._subscription = self._connection.node.create_subscription(
-            ModelList, f"{self._server}/models", self._keep_models, _LATCHED
+            ModelList, f"{self._server}/models", self._keep_models, LATCHED
         )
         self._topics = threading.Lock()
         self._tracked: _Newest | None = None

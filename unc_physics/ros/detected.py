@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import Environment, Scene
+from unc_physics_msgs.msg import Environment, ObjectState, Scene
 
 from ..checks.errors import UncPhysicsError
 from ..checks.validation import array, quaternion
@@ -21,6 +22,12 @@ from ..spatial.rotation import rotation_matrix
 from .messages.environment import PackedElement, read_environment
 from .messages.fields import xyz, xyzw
 from .messages.scene import UNKNOWN
+from .models import ModelLibrary
+
+try:
+    from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
+except ImportError:
+    Detection3DArray = None
 
 _SIGMAS = 3.0
 _PACKING_GAP = 2e-3  # m, between a packing's surface and its mesh's
@@ -72,6 +79,57 @@ class _Body(NamedTuple):
         arm = self.centers[k] - self.position
         J = np.concatenate([normal, np.cross(arm, normal)])
         return float(np.sqrt(max(J @ self.covariance @ J, 0.0)))
+
+
+def scene_of_detections(detections, library, mass, header=None) -> tuple[Scene, dict[str, str]]:
+    """Return the scene of a Detection3DArray, and the reasons of omitted detections by their names.
+
+    The best hypothesis of each detection names its model. If the array has no frame, it is that of the first
+    detection with one; detections in other frames, and those without hypotheses, are omitted. A given header
+    replaces that of the array, and frames are not compared.
+    """
+    objects, skipped = [], {}
+    own_frames = header is None and not detections.header.frame_id
+    header = detections.header if header is None else header
+    if own_frames:
+        frames = (detection.header.frame_id for detection in detections.detections)
+        header = Header(stamp=header.stamp, frame_id=next(filter(None, frames), ""))
+    names = set()
+    for k, detection in enumerate(detections.detections):
+        best = max(detection.results, key=lambda result: result.hypothesis.score, default=None)
+        name = detection.id or (f"detection_{k}" if best is None else f"{best.hypothesis.class_id}_{k}")
+        if name in names:  # some detectors write the class into the id
+            name = f"{name}_{k}"
+        names.add(name)
+        frame = detection.header.frame_id if own_frames else ""
+        if best is None:
+            skipped[name] = f"detections[{k}].results must name a model: it is empty"
+        elif frame not in ("", header.frame_id):
+            skipped[name] = (
+                f"detections[{k}].header.frame_id must be that of the other detections, '{header.frame_id}'"
+                f" (got '{frame}')"
+            )
+        else:
+            model = best.hypothesis.class_id
+            objects.append(detected_object(name, model, best.pose, library, mass))
+    return Scene(header=header, objects=objects), skipped
+
+
+def detected_object(name, model, pose, library, mass):
+    """Return an object with unknown velocity, with the given mass [kg] if its model has none."""
+    state = ObjectState(id=name, model=model, pose=pose.pose)
+    state.belief.pose_covariance = pose.covariance
+    state.belief.twist_covariance[0] = UNKNOWN
+    state.mass = mass_of(model, library, mass)
+    return state
+
+
+def mass_of(model: str, library: ModelLibrary, mass: float) -> float:
+    """Return the mass of an object [kg]: 0, for that of its model, or the given one if it has none."""
+    try:
+        return mass if library.shape(model).mass is None else 0.0
+    except UncPhysicsError:
+        return 0.0  # reported when the scene is read
 
 
 def settle_detected(

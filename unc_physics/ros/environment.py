@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
 from unc_physics_msgs.msg import Environment, EnvironmentElement, Result, Scene
@@ -19,12 +19,8 @@ from ..scene.environment import element_names
 from ..scene.scene_file import load_environment
 from .messages.environment import element_id, read_environment, write_element
 from .messages.planning_scene import PlanningWorld
-from .services import BackgroundService
+from .services import LATCHED, BackgroundService
 
-#: Quality of service of latched topics.
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
 _QUEUE = QoSProfile(depth=100)  # no difference of a planning scene may be lost
 _WHOLE_SCENE = "/get_planning_scene"  # MoveIt's service
 _WHOLE_WORLD = 4 | 8 | 16 | 2048  # names, geometry and attached objects of MoveIt's PlanningSceneComponents

@@ -17,7 +17,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from shape_msgs.msg import SolidPrimitive
 
 from unc_physics_msgs.msg import ModelInfo, ModelList
@@ -44,7 +43,7 @@ from ..scene.scene_file import load_shape
 from ..scene.stiffness import AUTO
 from .messages.environment import read_dimensions
 from .messages.fields import point_message
-from .services import BackgroundService
+from .services import LATCHED, BackgroundService
 
 #: Longest time for which a request waits for a packing [s].
 PACKING_TIMEOUT = 60.0
@@ -52,9 +51,6 @@ PACKING_TIMEOUT = 60.0
 MAX_TRIANGLES = 200_000
 _CACHED_SHAPES = 256
 _SCALES = 1e-6, 1e6
-_LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
 _DEFAULT_MODEL_SPHERES = 1000
 
 
@@ -255,7 +251,7 @@ class ModelTopics:
         self._packing: dict[str, ModelInfo] = {}  # meshes that are being packed, or whose packing failed
         self._lock = threading.Lock()
         self._loading = threading.Lock()
-        self._publisher = server.node.create_publisher(ModelList, "~/models", _LATCHED)
+        self._publisher = server.node.create_publisher(ModelList, "~/models", LATCHED)
         self._services = [
             BackgroundService(server, ListModels, "~/list_models", self._list),
             BackgroundService(server, LoadModel, "~/load_model", self._load),

@@ -18,14 +18,14 @@ from geometry_msgs.msg import PoseWithCovariance
 from unc_physics_msgs.msg import Prediction, Scene
 
 from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
-from .detected import settle_detected
+from .detected import detected_object, scene_of_detections, settle_detected
 from .environment import NodeEnvironment
 from .messages.fields import pose_message, xyz, xyzw
 from .messages.prediction import write_answer
 from .messages.request import read_request
 from .models import ModelLibrary
 from .parameters import Settings
-from .streams import detected_object, request_of, scene_of_detections
+from .streams import request_of
 
 DETECTIONS, POSE = "vision_msgs/msg/Detection3DArray", "geometry_msgs/msg/PoseWithCovarianceStamped"
 #: Share of outcomes in the region, and the square of its radius for three coordinates.

@@ -26,6 +26,7 @@ from ..propagators.names import REFERENCE
 from .candidates import CandidatesService
 from .diagnostics import Diagnostics, LibraryLog
 from .environment import EnvironmentTopics, NodeEnvironment
+from .long_prediction import LongPrediction
 from .markers import MarkerTopic
 from .messages.fields import write_error
 from .messages.frames import Frames
@@ -33,7 +34,7 @@ from .messages.prediction import write_answer
 from .messages.request import Job, RequestedOutputs, as_sent, read_request
 from .models import ModelLibrary, ModelTopics
 from .parameters import ParameterServer
-from .services import CapabilitiesService, DeferredAnswerCheck, LongPrediction, prediction_service
+from .services import CapabilitiesService, DeferredAnswerCheck, prediction_service
 from .streams import Stream
 from .tracking import Tracking
 from .tracks import warm_up_tracker

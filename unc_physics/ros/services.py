@@ -1,43 +1,37 @@
-"""Services and the action of the node, computed outside the executor's thread."""
+"""Services of the node, computed outside the executor's thread."""
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import ctypes
-import gc
 import os
 import platform
-import threading
-import time
 import traceback
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numba
 import numpy as np
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import QoSProfile, qos_profile_services_default
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_services_default
 from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from unc_physics_msgs.action import PredictLong
 from unc_physics_msgs.msg import OptionInfo, PropagatorInfo, Result
 from unc_physics_msgs.srv import GetCapabilities, Predict
 
 from .. import __version__
-from ..checks.errors import CanceledError, ErrorCode, LimitExceededError, NotActiveError
+from ..checks.errors import CanceledError, NotActiveError
 from ..propagators.registry import PROPAGATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
-from .goal_clients import ClientProcess, participant_of
 from .messages.fields import duration, write_error
-from .messages.physics import physics_message
+from .messages.request import physics_message
 
 _DISCOVERY_PERIOD = 0.02  # s, between checks whether a service is discovered
+#: Quality of service of latched topics.
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
 _QUEUE = QoSProfile(depth=100)  # ROS's default of 10 loses more concurrent requests or answers
 _FEATURES = [
     "environment",
@@ -61,9 +55,6 @@ _FEATURES = [
     "primitives_and_meshes",
 ]
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
-_FEEDBACK_PERIOD = 0.1  # s
-_CLIENTS_PERIOD = 1.0  # s, between checks whether a goal's client is still there
-_RESULT_TIMEOUT = 10  # s, for which a result can be fetched; rclpy would keep it for 15 minutes
 
 
 _INTROSPECTION = {
@@ -294,150 +285,3 @@ def propagator_info(cls) -> PropagatorInfo:
 def _option_type(option):
     """Return the type of an option's value, or its choices."""
     return f"one of {', '.join(option.choices)}" if option.choices else option.kind.__name__
-
-
-class LongPrediction:
-    """The action ``~/predict_long``: predictions with feedback and cancellation."""
-
-    def __init__(self, server):
-        self._server = server
-        limit = server.settings.max_long_predictions
-        self._running = threading.Semaphore(limit)
-        self._action = _ThreadedActionServer(
-            limit + 1,  # one to refuse goals above the limit
-            server.node,
-            PredictLong,
-            "~/predict_long",
-            self._execute,
-            callback_group=ReentrantCallbackGroup(),
-            goal_callback=lambda _: GoalResponse.ACCEPT,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,  # rclpy would reject
-            result_timeout=_RESULT_TIMEOUT,
-        )
-
-    def close(self):
-        """Withdraw the action."""
-        self._action.destroy()
-
-    def _execute(self, goal):
-        result = PredictLong.Result()
-        participant = self._action.participants.pop(bytes(goal.goal_id.uuid), b"")
-        with self._server.errors_into(result.result):
-            if not self._running.acquire(blocking=False):
-                raise LimitExceededError(
-                    f"must be at most {self._server.settings.max_long_predictions} at a time",
-                    field="the number of long predictions",
-                )
-            try:
-                with contextlib.closing(ClientProcess(participant, self._own_id())) as process:
-                    afterwards = self._server.answer(
-                        result,
-                        goal.request.request,
-                        progress=_Reporter(goal, participant, self._clients, process),
-                        time_limit=self._server.settings.max_long_computation_time,
-                    )
-                if afterwards is not None:
-                    afterwards()
-            finally:
-                self._running.release()
-                return_memory()
-        code = result.result.error_code
-        if code == ErrorCode.NONE:
-            goal.succeed()
-        elif code == ErrorCode.CANCELED and goal.is_cancel_requested:
-            goal.canceled()
-        else:
-            goal.abort()
-        if code == ErrorCode.CANCELED and not goal.is_cancel_requested:
-            self._server.log.info(f"a long prediction was ended: {result.result.error_msg}")
-        return result
-
-    def _clients(self):
-        """Return the ids of subscriptions to the action's feedback, one for each client."""
-        node = self._server.node
-        topic = f"{node.get_fully_qualified_name()}/predict_long/_action/feedback"
-        return {bytes(info.endpoint_gid) for info in node.get_subscriptions_info_by_topic(topic)}
-
-    def _own_id(self):
-        """Return the id of an endpoint of this process; empty if discovery does not show it."""
-        node = self._server.node
-        topic = f"{node.get_fully_qualified_name()}/predict_long/_action/status"
-        return next((bytes(info.endpoint_gid) for info in node.get_publishers_info_by_topic(topic)), b"")
-
-
-class _Reporter:
-    """Callback that publishes feedback, and ends the prediction if the client cancels it or disappears.
-
-    Parameters
-    ----------
-    goal : ServerGoalHandle
-    participant : bytes
-        Beginning of the ids of all endpoints of the client's process; empty if it is unknown. The goal then
-        ends when all subscribers from its beginning are gone.
-    clients : callable
-        Returns the ids of subscribers to the feedback.
-    process : ClientProcess
-    """
-
-    def __init__(self, goal, participant, clients, process):
-        self._goal, self._process = goal, process
-        self._clients = lambda: {one for one in clients() if one.startswith(participant)}
-        self._started = time.perf_counter()
-        self._next = self._started
-        self._first, self._next_check = clients(), self._started + _CLIENTS_PERIOD
-
-    def __call__(self, job, done, steps):
-        if self._goal.is_cancel_requested:
-            raise CanceledError("canceled", field="the client")
-        now = time.perf_counter()
-        if now >= self._next_check:
-            self._next_check = now + _CLIENTS_PERIOD
-            now_there = self._clients()
-            self._first = self._first or now_there  # discovery takes a while
-            if self._process.has_ended or (self._first and not self._first & now_there):
-                raise CanceledError("is gone", field="the client")
-        if now >= self._next:
-            self._next = now + _FEEDBACK_PERIOD
-            self._goal.publish_feedback(
-                PredictLong.Feedback(
-                    time_reached=duration(min(done * job.scene.dt, job.horizon)),
-                    fraction_done=done / steps,
-                    elapsed=duration(now - self._started),
-                )
-            )
-
-
-def return_memory() -> None:
-    """Return freed memory to the system, as glibc keeps that of large messages."""
-    with contextlib.suppress(AttributeError, OSError):  # another C library
-        ctypes.CDLL(None).malloc_trim(0)
-
-
-class _ThreadedActionServer(ActionServer):
-    """Action server that executes goals in its own threads instead of the executor's."""
-
-    def __init__(self, threads, *args, **others):
-        super().__init__(*args, **others)
-        self._pool = ThreadPoolExecutor(threads)
-        self.participants = {}  # of the clients of goals that are not yet executed, by the goals' ids
-
-    async def _execute_goal_request(self, request_header_and_message):
-        header, message = request_header_and_message
-        self.participants[bytes(message.goal_id.uuid)] = participant_of(header)
-        await super()._execute_goal_request(request_header_and_message)
-
-    async def _execute_expire_goals(self, expired_goals):
-        await super()._execute_expire_goals(expired_goals)
-        gc.collect()  # futures and tasks of goals refer to each other
-        return_memory()
-
-    def notify_execute(self, goal_handle, execute_callback):
-        """Execute an accepted goal."""
-        self._pool.submit(
-            asyncio.run, self._execute_goal(execute_callback or self._execute_callback, goal_handle)
-        )
-
-    def destroy(self):
-        """Wait for running goals and withdraw the action."""
-        self._pool.shutdown()
-        super().destroy()

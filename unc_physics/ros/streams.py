@@ -4,50 +4,113 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import itertools
 import re
+import statistics
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped, TransformStamped, Vector3
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import ObjectState, Prediction, PredictionRequest, Result, Scene
+from unc_physics_msgs.msg import Prediction, PredictionRequest, Result, Scene
 
 from ..checks.errors import ErrorCode, PredictionTimeoutError, UncPhysicsError
-from .detected import settle_detected
+from ..propagators.base import Anytime, Propagator
+from .detected import Detection3DArray, detected_object, scene_of_detections, settle_detected
 from .environment import NodeEnvironment
-from .markers import MarkerTopic
+from .markers import MarkerTopic, OccupancyTopics
 from .messages.fields import duration, nanoseconds, seconds
 from .messages.frames import Frames
 from .messages.prediction import write_answer
 from .messages.request import read_request
-from .messages.scene import UNKNOWN, AllSkippedError
+from .messages.scene import AllSkippedError
 from .models import ModelLibrary
-from .occupancy import OccupancyTopics
-from .pace import Pace
 from .parameters import ParameterServer, Settings
-from .transforms import TransformTopic
 
+#: End of the names of frames of predicted and of tracked objects, after the object's id.
+PREDICTED, TRACKED = "_predicted", "_tracked"
 _SAME_TIME = 1e-6  # s
 _REPORT_PERIOD = 5.0  # s, between warnings in the log
-# best effort matches all publishers, including sensors
-_NEWEST = {"depth": 1, "reliability": ReliabilityPolicy.BEST_EFFORT}
 #: Depth, history and reliability have parameters such as ``qos_overrides./TOPIC.subscription.depth``.
 _OVERRIDABLE = QoSOverridingOptions.with_default_policies()
 _WAITING = 16  # scenes that wait for a transform at a time
 _SHORTEST = 1e-3  # s, time limit of a scene that is nearly too old
 _SEED = 1  # equal for all scenes, so that equal scenes have equal predictions
 
+_INTERVALS = 5  # of the input, whose median is its period
+_SHARES = 1.0, 0.75, 0.5, 0.375  # of a propagator's rollouts
+_FEWEST = 12  # rollouts
+_SHARE_OF_PERIOD = 0.5
+_ROOM = 0.8  # share of the limit that more rollouts may take
+
 _NONE: Mapping[str, str] = MappingProxyType({})
+
+
+class Pace:
+    """Rate of an input, and the share of rollouts with which its predictions keep their time limit."""
+
+    def __init__(self):
+        self._arrivals: deque[float] = deque(maxlen=_INTERVALS + 1)
+        self._level = 0
+
+    def reset(self) -> None:
+        """Forget the input's rate; the share of rollouts stays."""
+        self._arrivals.clear()
+
+    def arrived(self) -> None:
+        """Record an input."""
+        self._arrivals.append(time.monotonic())
+
+    def limit(self, asked: float) -> float | None:
+        """Return the longest computation time [s]; None while the rate of the input is unknown.
+
+        Parameters
+        ----------
+        asked : float
+            The parameter ``stream_max_computation_time`` [s]; 0: half the input's period.
+        """
+        if asked:
+            return asked
+        times = list(self._arrivals)
+        if len(times) < 3:
+            return None
+        period = statistics.median(later - earlier for earlier, later in itertools.pairwise(times))
+        return _SHARE_OF_PERIOD * period
+
+    def adapted(self, propagator: Propagator, limit: float | None) -> Propagator:
+        """Return the propagator with as many rollouts as its last predictions had time for."""
+        fitted: Any = propagator
+        if limit is None:
+            return propagator
+        if isinstance(propagator, Anytime):
+            return replace(fitted, time=limit)
+        for option in ("runs", "samples"):
+            if (count := getattr(propagator, option, 0)) > _FEWEST:
+                return replace(fitted, **{option: max(_FEWEST, round(_SHARES[self._level] * count))})
+        return propagator
+
+    def took(self, seconds: float, limit: float | None) -> None:
+        """Adapt the share of rollouts to the time that a prediction took [s]."""
+        if limit is None:
+            return
+        if seconds > limit:
+            fitting = _SHARES[self._level] * limit / seconds
+            lower = range(self._level + 1, len(_SHARES))
+            self._level = next((k for k in lower if _SHARES[k] <= fitting), len(_SHARES) - 1)
+        elif self._level and seconds * _SHARES[self._level - 1] / _SHARES[self._level] < _ROOM * limit:
+            self._level -= 1
 
 
 class StreamedScene(NamedTuple):
@@ -275,25 +338,13 @@ class SceneTopics:
                 topic,
                 lambda message, topic=topic, model=model: self._track(topic, model, message),
             )
-        try:
-            from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
-        except ImportError:
-            pass
-        else:
+        if Detection3DArray is not None:
             self._of_detectors = self._source(detected=True)
             self._subscribe(Detection3DArray, f"{under}/detections", self._detect)
-        threshold = JumpThreshold(
-            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
-        )
-        self._jumps = node.get_clock().create_jump_callback(threshold, post_callback=self._jumped)
+        self._jumps = on_clock_jump(node, self._jumped)
 
     def _subscribe(self, kind, topic, callback):
-        profile = QoSProfile(**_NEWEST)  # of its own, as overriding changes it
-        self._subscriptions.append(
-            self._node.create_subscription(
-                kind, topic, callback, profile, qos_overriding_options=_OVERRIDABLE
-            )
-        )
+        self._subscriptions.append(subscribe(self._node, kind, topic, callback))
 
     def _source(self, detected):
         self._sources.append(_StreamSource(detected, self._frames, self._waiting, self._work, self._replaced))
@@ -466,6 +517,18 @@ def request_of(scene: Scene, settings: Settings) -> PredictionRequest:
     )
 
 
+def subscribe(node, kind: type, topic: str, callback: Callable, depth: int = 1):
+    """Subscribe by best effort, which matches all publishers, including sensors; users may override it."""
+    profile = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+    return node.create_subscription(kind, topic, callback, profile, qos_overriding_options=_OVERRIDABLE)
+
+
+def on_clock_jump(node, callback: Callable):
+    """Have a function called after jumps of a node's clock back, as of a bag that starts again."""
+    threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
+    return node.get_clock().create_jump_callback(threshold, post_callback=callback)
+
+
 def stamp_age(node, stamp) -> float | None:
     """Return the time since a stamp [s] by the node's clock; None for a zero stamp."""
     if stamp.sec == 0 and stamp.nanosec == 0:
@@ -487,58 +550,56 @@ def stamp_problem(node, stamp, settings) -> str | None:
     return f"its stamp is {what}; do all clocks agree, and all nodes have the same use_sim_time?"
 
 
-def scene_of_detections(detections, library, mass, header=None) -> tuple[Scene, dict[str, str]]:
-    """Return the scene of a Detection3DArray, and the reasons of omitted detections by their names.
-
-    The best hypothesis of each detection names its model. If the array has no frame, it is that of the first
-    detection with one; detections in other frames, and those without hypotheses, are omitted. A given header
-    replaces that of the array, and frames are not compared.
-    """
-    objects, skipped = [], {}
-    own_frames = header is None and not detections.header.frame_id
-    header = detections.header if header is None else header
-    if own_frames:
-        frames = (detection.header.frame_id for detection in detections.detections)
-        header = Header(stamp=header.stamp, frame_id=next(filter(None, frames), ""))
-    names = set()
-    for k, detection in enumerate(detections.detections):
-        best = max(detection.results, key=lambda result: result.hypothesis.score, default=None)
-        name = detection.id or (f"detection_{k}" if best is None else f"{best.hypothesis.class_id}_{k}")
-        if name in names:  # some detectors write the class into the id
-            name = f"{name}_{k}"
-        names.add(name)
-        frame = detection.header.frame_id if own_frames else ""
-        if best is None:
-            skipped[name] = f"detections[{k}].results must name a model: it is empty"
-        elif frame not in ("", header.frame_id):
-            skipped[name] = (
-                f"detections[{k}].header.frame_id must be that of the other detections, '{header.frame_id}'"
-                f" (got '{frame}')"
-            )
-        else:
-            model = best.hypothesis.class_id
-            objects.append(detected_object(name, model, best.pose, library, mass))
-    return Scene(header=header, objects=objects), skipped
-
-
-def detected_object(name, model, pose, library, mass):
-    """Return an object with unknown velocity, with the given mass [kg] if its model has none."""
-    state = ObjectState(id=name, model=model, pose=pose.pose)
-    state.belief.pose_covariance = pose.covariance
-    state.belief.twist_covariance[0] = UNKNOWN
-    state.mass = mass_of(model, library, mass)
-    return state
-
-
-def mass_of(model: str, library: ModelLibrary, mass: float) -> float:
-    """Return the mass of an object [kg]: 0, for that of its model, or the given one if it has none."""
-    try:
-        return mass if library.shape(model).mass is None else 0.0
-    except UncPhysicsError:
-        return 0.0  # reported when the scene is read
-
-
 def topic_name(text: str) -> str:
     """Return a text as the last part of a topic name."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", text)
     return name if name[:1].isalpha() else f"_{name}"
+
+
+class TransformTopic:
+    """Publisher of poses as transforms, made when it is first needed; needs tf2_msgs.
+
+    Parameters
+    ----------
+    server : PredictionServer
+    suffix : str
+        End of the frames' names, after the object's id.
+    """
+
+    def __init__(self, server, suffix: str = PREDICTED):
+        self._server, self._suffix = server, suffix
+        self._publisher: Any = None
+        self._missing = False
+
+    def close(self) -> None:
+        """Withdraw the topic."""
+        if self._publisher is not None:
+            self._server.node.destroy_publisher(self._publisher)
+
+    def publish(self, header: Header, poses: Mapping[str, PoseWithCovariance]) -> None:
+        """Publish the mean poses of objects by their ids."""
+        if self._missing or not poses:
+            return
+        try:
+            from tf2_msgs.msg import TFMessage  # pyright: ignore[reportMissingImports]  (optional)
+        except ImportError:
+            self._missing = True
+            self._server.log.warning("publish_tf is set, but tf2_msgs is not installed")
+            return
+        if self._publisher is None:
+            self._publisher = self._server.node.create_publisher(TFMessage, "/tf", 100)
+        self._publisher.publish(TFMessage(transforms=transforms(header, poses, self._suffix)))
+
+
+def transforms(
+    header: Header, poses: Mapping[str, PoseWithCovariance], suffix: str = PREDICTED
+) -> list[TransformStamped]:
+    """Return the transforms from the header's frame to objects, with the header's stamp."""
+    found = []
+    for name, pose in poses.items():
+        message = TransformStamped(header=header, child_frame_id=f"{name}{suffix}")
+        p = pose.pose.position
+        message.transform.translation = Vector3(x=p.x, y=p.y, z=p.z)
+        message.transform.rotation = pose.pose.orientation
+        found.append(message)
+    return found

@@ -11,10 +11,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.clock import Clock, ClockType, JumpThreshold
-from rclpy.duration import Duration
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Header
 
 from unc_physics_msgs.msg import ActionArray, ObjectState, Prediction, Result, TrackedObjects
@@ -23,22 +20,28 @@ from unc_physics_msgs.srv import Fork, Reset
 from ..checks.errors import CanceledError, DivergedError, ErrorCode, UncPhysicsError
 from ..checks.names import hint
 from ..prediction.prediction import Prediction as CorePrediction
+from .detected import Detection3DArray, detected_object, scene_of_detections
 from .environment import HOW_TO_SET
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
 from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_times
 from .services import BackgroundService
-from .streams import LatestWorker, detected_object, scene_of_detections, stamp_age, stamp_problem, topic_name
+from .streams import (
+    TRACKED,
+    LatestWorker,
+    TransformTopic,
+    on_clock_jump,
+    stamp_age,
+    stamp_problem,
+    subscribe,
+    topic_name,
+)
 from .tracks import Tracks
-from .transforms import TRACKED, TransformTopic
 
 _REPORT_PERIOD = 5.0  # s, between warnings in the log
 _DEPTH = 20  # observations of a source that wait in the middleware
 _PENDING = 100  # observations that wait for the tracker
 _WAITING = 16  # of them, for a transform
-# best effort matches all publishers, including sensors
-_SENSOR = {"depth": _DEPTH, "reliability": ReliabilityPolicy.BEST_EFFORT}
-_OVERRIDABLE = QoSOverridingOptions.with_default_policies()
 
 
 class ReceivedObservation(NamedTuple):
@@ -102,23 +105,16 @@ class Tracking:
                     f"~/observed/{topic_name(name)}",
                     lambda message, name=name, model=model: self._observed(name, model, message),
                 )
-        try:
-            from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
-        except ImportError:
+        if Detection3DArray is None:
             server.log.warning("vision_msgs is not installed: the tracker has no topic ~/observations")
         else:
             self._subscribe(Detection3DArray, "~/observations", self._detected)
-        self._subscriptions.append(
-            node.create_subscription(ActionArray, "~/actions", self._acted, QoSProfile(depth=_DEPTH))
-        )
+        self._subscriptions.append(node.create_subscription(ActionArray, "~/actions", self._acted, _DEPTH))
         # a steady clock, as simulated time may stop
         self._timer = node.create_timer(
             1.0 / settings.tracked_rate, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
-        threshold = JumpThreshold(
-            min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True
-        )
-        self._jumps = self._clock.create_jump_callback(threshold, post_callback=self._jumped)
+        self._jumps = on_clock_jump(node, self._jumped)
         self._warn_at_start()
 
     def close(self) -> None:
@@ -153,12 +149,7 @@ class Tracking:
             server.log.warning(f"nothing is tracked before the node's environment is set: {HOW_TO_SET}")
 
     def _subscribe(self, kind, topic, callback):
-        profile = QoSProfile(**_SENSOR)  # of its own, as overriding changes it
-        self._subscriptions.append(
-            self._server.node.create_subscription(
-                kind, topic, callback, profile, qos_overriding_options=_OVERRIDABLE
-            )
-        )
+        self._subscriptions.append(subscribe(self._server.node, kind, topic, callback, _DEPTH))
 
     # -- input, in the executor's thread -----------------------------------------------------------
 

@@ -35,7 +35,6 @@ from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELO
 from ..tracking.measurements import PoseMeasurement
 from ..tracking.symmetry import AxialSymmetry
 from ..tracking.tracker import Tracker
-from .association import Place, assign
 from .detected import smallest_extent
 from .environment import NodeEnvironment, objects_of
 from .messages.actions import group_actions, write_actions
@@ -54,6 +53,7 @@ _SEED = 1
 #: Parts of a covariance of a pose about a model's origin.
 _OF_POSITION = slice(0, 3)
 _MEANS_ONLY = RequestedOutputs()
+_FORBIDDEN = 1e9  # cost of a pair that cannot be
 
 
 class Robot(NamedTuple):
@@ -71,6 +71,23 @@ class Robot(NamedTuple):
     state: ObjectState
     body: RigidBody
     stamp: int
+
+
+class Place(NamedTuple):
+    """Where an object is expected, or was observed.
+
+    Attributes
+    ----------
+    model : str
+    position : (3,) array
+        World frame [m].
+    covariance : (3, 3) array
+        [m^2]
+    """
+
+    model: str
+    position: np.ndarray
+    covariance: np.ndarray
 
 
 class FirstObservation(NamedTuple):
@@ -681,6 +698,42 @@ class Tracks:
         robots, models = self._robots, self._models
         self.clear()
         self._robots, self._models = robots, models
+
+
+def assign(expected: Sequence[Place], observed: Sequence[Place], farthest: float) -> list[tuple[int, int]]:
+    """Return the most likely pairs of an expected place and an observed one, as indices.
+
+    Parameters
+    ----------
+    expected, observed : sequence of Place
+    farthest : float
+        Largest distance of a pair [m].
+
+    Raises
+    ------
+    NotSupportedError
+        Without SciPy.
+
+    Notes
+    -----
+    As many pairs as possible are found. Among them, the sum of ``d^2 + log det S`` is least, where ``d`` is
+    the Mahalanobis distance and ``S`` the sum of both covariances (the Hungarian method).
+    """
+    if not expected or not observed:
+        return []
+    costs = np.full((len(expected), len(observed)), _FORBIDDEN)
+    for i, own in enumerate(expected):
+        for j, other in enumerate(observed):
+            apart = own.position - other.position
+            if own.model == other.model and np.linalg.norm(apart) <= farthest:
+                S = own.covariance + other.covariance
+                costs[i, j] = apart @ np.linalg.solve(S, apart) + np.linalg.slogdet(S)[1]
+    try:
+        from scipy.optimize import linear_sum_assignment
+    except ImportError:
+        raise NotSupportedError("by distance needs SciPy: pip install scipy", field="association") from None
+    rows, columns = linear_sum_assignment(costs)
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if costs[i, j] < _FORBIDDEN]
 
 
 def warm_up_tracker(scene: Scene, belief: Belief, _propagator: object, horizon: float) -> None:

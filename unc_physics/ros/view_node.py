@@ -14,15 +14,16 @@ from unc_physics_msgs.msg import Environment, TrackedObjects
 from ..checks.errors import UncPhysicsError
 from ..view.page import Page
 from ..view.session import Session, check_installed
-from .environment import LATCHED, NodeEnvironment
+from .detected import mass_of
+from .environment import NodeEnvironment
 from .messages.frames import Frames
 from .messages.request import read_request
 from .messages.tracking import scene_of_tracked
 from .models import ModelLibrary
 from .node import leave, run
-from .pace import Pace
 from .parameters import ParameterServer
-from .streams import LatestWorker, SceneTopics, StreamedScene, mass_of, prepared, request_of, stamp_problem
+from .services import LATCHED
+from .streams import LatestWorker, Pace, SceneTopics, StreamedScene, prepared, request_of, stamp_problem
 
 _VIEW_PARAMETERS = {
     "host": ("127.0.0.1", "Address that the page listens on; everybody who reaches it sees the page."),

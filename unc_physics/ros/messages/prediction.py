@@ -60,8 +60,7 @@ from ...spatial.origin import at_com, at_origin, covariance_at_com, moved
 from ...spatial.rotation import rotation_matrix
 from .events import EVENT_MESSAGES, OBJECT_EVENTS
 from .fields import duration, later, packed, pose_message, read_error, seconds, writable, xyz, xyzw
-from .physics import physics_message
-from .request import Job, Query, RequestedOutputs
+from .request import Job, Query, RequestedOutputs, physics_message
 from .scene import read_joint_covariance, write_joint_covariance
 
 _SAME_START = 1e-9  # m, rad and their squares: tolerance for the start to equal the given belief

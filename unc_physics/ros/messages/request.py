@@ -13,7 +13,7 @@ from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Quaternion, Vector3
 
-from unc_physics_msgs.msg import ModelInfo, PredictionRequest
+from unc_physics_msgs.msg import ModelInfo, Physics, PredictionRequest
 from unc_physics_msgs.msg import Scene as SceneMessage
 
 from ...checks.errors import (
@@ -38,15 +38,18 @@ from ...propagators.registry import PROPAGATORS, propagator_from_texts
 from ...scene.belief import Belief
 from ...scene.entries import at_field
 from ...scene.marks import Mark
+from ...scene.materials import DEFAULT_RESTITUTION
 from ...scene.physics_keys import PHYSICS_KEYS
-from ...scene.scene import Scene
+from ...scene.presets import certain, with_changes
+from ...scene.scene import DEFAULT_OVERLAP, Scene
+from ...scene.scene_file import physics_value, preset
+from ...scene.stiffness import AUTO
 from ...spatial.layout import ERROR
 from .actions import write_actions
 from .environment import read_regions, write_region
 from .events import object_events
-from .fields import duration, read_duration, seconds, xyz, xyzw
+from .fields import duration, optional, read_duration, seconds, vector_message, xyz, xyzw
 from .frames import Frames
-from .physics import physics_message, read_physics
 from .scene import FieldNames, SceneLimits, read_scene, write_scene
 
 _STATE_BYTES = 800  # size of a PredictedState without optional parts
@@ -62,6 +65,10 @@ _TARGETS = {
 }
 # how far a budget of time may be exceeded: as a share of it, and in any case [s]
 _OVER_BUDGET, _OVER_ANY_BUDGET = 0.05, 0.025
+#: Values in the message of fields that are None or absent in the core.
+_ABSENT = {key: 0.0 for key in PHYSICS_KEYS if key.endswith("_std")}
+_ABSENT |= {"impact_friction_speed": 0.0, "damping": 0.0, "friction": 0.0, "gravity": (0.0, 0.0, 0.0)}
+_ABSENT |= {"gyroscopic": False, "islands": False, "sleep": False, "stiffness": AUTO}
 _SEED_BITS = 53  # largest integers that JavaScript and MATLAB clients represent exactly
 
 
@@ -280,6 +287,68 @@ def read_request(
     )
     check_answer(job, settings)
     return job
+
+
+def read_physics(message: Physics, physics: dict) -> dict:
+    """Return arguments of `Scene`: ``physics`` with the changes of a request.
+
+    Raises
+    ------
+    InvalidOptionError, NotFiniteError, InvalidRequestError
+        Limits of values are checked by `Scene`.
+    """
+    if message.preset:
+        physics = _at("preset", preset, message.preset, message.exact)
+    elif message.exact:
+        physics = certain(physics)
+    given = {}
+    for key in PHYSICS_KEYS:
+        value = getattr(message, key)
+        if isinstance(value, str) or key.endswith("_std"):
+            value = value or None
+        else:
+            value = optional(message, key, "physics")
+        if key == "impact_friction_speed" and value == 0.0:
+            given[key] = None
+        elif value is not None:
+            given[key] = _at(key, physics_value, key, _plain(key, value))
+    return with_changes(physics, given)
+
+
+def physics_message(physics: dict) -> Physics:
+    """Return a complete message from arguments of `Scene`; None and missing values become defaults."""
+    physics = {key: value for key, value in physics.items() if value is not None}
+    integrator = physics.get("integrator", "explicit")
+    own = {"restitution": DEFAULT_RESTITUTION[integrator], "overlap": DEFAULT_OVERLAP[integrator]}
+    physics = _ABSENT | own | physics
+    physics |= {"integrator": integrator, "gravity": vector_message(physics["gravity"])}
+    if physics["stiffness"] == AUTO:
+        physics["stiffness"] = Physics.STIFFNESS_AUTO
+    message = Physics(exact=True)  # all that is uncertain is in the message
+    for key, value in physics.items():
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            value = float(value)
+        setattr(message, key, value)
+        if hasattr(message, f"has_{key}"):
+            setattr(message, f"has_{key}", True)
+    return message
+
+
+def _plain(key, value):
+    """Return a field's value in the format of scene files."""
+    if key == "gravity":
+        return xyz(value)
+    return AUTO if key == "stiffness" and value == Physics.STIFFNESS_AUTO else value
+
+
+def _at(field, function, *arguments):
+    """Call a function and set the field of its errors to a field of the message."""
+    try:
+        return function(*arguments)
+    except InvalidRequestError as error:
+        raise InvalidOptionError(error.problem, field=f"physics.{field}", value=error.value) from None
+    except UncPhysicsError as error:
+        raise type(error)(error.problem, field=f"physics.{field}", value=error.value) from None
 
 
 @dataclass(frozen=True, eq=False)

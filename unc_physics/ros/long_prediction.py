@@ -1,0 +1,250 @@
+"""The action ``~/predict_long``: predictions with feedback and cancellation, which end with their clients.
+
+The middleware notices only after the lease of the client's participant that a process was killed, with Fast
+DDS after 20 s. Fast DDS writes the process's number into the ids of its endpoints. So a process on the same
+machine is watched itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ctypes
+import gc
+import os
+import select
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.utilities import get_rmw_implementation_identifier
+
+from unc_physics_msgs.action import PredictLong
+
+from ..checks.errors import CanceledError, ErrorCode, LimitExceededError
+from .messages.fields import duration
+
+_FEEDBACK_PERIOD = 0.1  # s
+_CLIENTS_PERIOD = 1.0  # s, between checks whether a goal's client is still there
+_RESULT_TIMEOUT = 10  # s, for which a result can be fetched; rclpy would keep it for 15 minutes
+_GUID, _GUID_PREFIX = 16, 12  # bytes of the id of an endpoint, and of its participant
+_MACHINE, _PROCESS = slice(0, 4), slice(4, 6)  # of a participant's id of Fast DDS
+_MIDDLEWARE = "rmw_fastrtps"
+_PIDS = 1 << 16  # numbers of processes that an id distinguishes
+
+
+class LongPrediction:
+    """The action ``~/predict_long``: predictions with feedback and cancellation."""
+
+    def __init__(self, server):
+        self._server = server
+        limit = server.settings.max_long_predictions
+        self._running = threading.Semaphore(limit)
+        self._action = _ThreadedActionServer(
+            limit + 1,  # one to refuse goals above the limit
+            server.node,
+            PredictLong,
+            "~/predict_long",
+            self._execute,
+            callback_group=ReentrantCallbackGroup(),
+            goal_callback=lambda _: GoalResponse.ACCEPT,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,  # rclpy would reject
+            result_timeout=_RESULT_TIMEOUT,
+        )
+
+    def close(self):
+        """Withdraw the action."""
+        self._action.destroy()
+
+    def _execute(self, goal):
+        result = PredictLong.Result()
+        participant = self._action.participants.pop(bytes(goal.goal_id.uuid), b"")
+        with self._server.errors_into(result.result):
+            if not self._running.acquire(blocking=False):
+                raise LimitExceededError(
+                    f"must be at most {self._server.settings.max_long_predictions} at a time",
+                    field="the number of long predictions",
+                )
+            try:
+                with contextlib.closing(ClientProcess(participant, self._own_id())) as process:
+                    afterwards = self._server.answer(
+                        result,
+                        goal.request.request,
+                        progress=_Reporter(goal, participant, self._clients, process),
+                        time_limit=self._server.settings.max_long_computation_time,
+                    )
+                if afterwards is not None:
+                    afterwards()
+            finally:
+                self._running.release()
+                return_memory()
+        code = result.result.error_code
+        if code == ErrorCode.NONE:
+            goal.succeed()
+        elif code == ErrorCode.CANCELED and goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        if code == ErrorCode.CANCELED and not goal.is_cancel_requested:
+            self._server.log.info(f"a long prediction was ended: {result.result.error_msg}")
+        return result
+
+    def _clients(self):
+        """Return the ids of subscriptions to the action's feedback, one for each client."""
+        node = self._server.node
+        topic = f"{node.get_fully_qualified_name()}/predict_long/_action/feedback"
+        return {bytes(info.endpoint_gid) for info in node.get_subscriptions_info_by_topic(topic)}
+
+    def _own_id(self):
+        """Return the id of an endpoint of this process; empty if discovery does not show it."""
+        node = self._server.node
+        topic = f"{node.get_fully_qualified_name()}/predict_long/_action/status"
+        return next((bytes(info.endpoint_gid) for info in node.get_publishers_info_by_topic(topic)), b"")
+
+
+class _Reporter:
+    """Callback that publishes feedback, and ends the prediction if the client cancels it or disappears.
+
+    Parameters
+    ----------
+    goal : ServerGoalHandle
+    participant : bytes
+        Beginning of the ids of all endpoints of the client's process; empty if it is unknown. The goal then
+        ends when all subscribers from its beginning are gone.
+    clients : callable
+        Returns the ids of subscribers to the feedback.
+    process : ClientProcess
+    """
+
+    def __init__(self, goal, participant, clients, process):
+        self._goal, self._process = goal, process
+        self._clients = lambda: {one for one in clients() if one.startswith(participant)}
+        self._started = time.perf_counter()
+        self._next = self._started
+        self._first, self._next_check = clients(), self._started + _CLIENTS_PERIOD
+
+    def __call__(self, job, done, steps):
+        if self._goal.is_cancel_requested:
+            raise CanceledError("canceled", field="the client")
+        now = time.perf_counter()
+        if now >= self._next_check:
+            self._next_check = now + _CLIENTS_PERIOD
+            now_there = self._clients()
+            self._first = self._first or now_there  # discovery takes a while
+            if self._process.has_ended or (self._first and not self._first & now_there):
+                raise CanceledError("is gone", field="the client")
+        if now >= self._next:
+            self._next = now + _FEEDBACK_PERIOD
+            self._goal.publish_feedback(
+                PredictLong.Feedback(
+                    time_reached=duration(min(done * job.scene.dt, job.horizon)),
+                    fraction_done=done / steps,
+                    elapsed=duration(now - self._started),
+                )
+            )
+
+
+def return_memory() -> None:
+    """Return freed memory to the system, as glibc keeps that of large messages."""
+    with contextlib.suppress(AttributeError, OSError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+class _ThreadedActionServer(ActionServer):
+    """Action server that executes goals in its own threads instead of the executor's."""
+
+    def __init__(self, threads, *args, **others):
+        super().__init__(*args, **others)
+        self._pool = ThreadPoolExecutor(threads)
+        self.participants = {}  # of the clients of goals that are not yet executed, by the goals' ids
+
+    async def _execute_goal_request(self, request_header_and_message):
+        header, message = request_header_and_message
+        self.participants[bytes(message.goal_id.uuid)] = participant_of(header)
+        await super()._execute_goal_request(request_header_and_message)
+
+    async def _execute_expire_goals(self, expired_goals):
+        await super()._execute_expire_goals(expired_goals)
+        gc.collect()  # futures and tasks of goals refer to each other
+        return_memory()
+
+    def notify_execute(self, goal_handle, execute_callback):
+        """Execute an accepted goal."""
+        self._pool.submit(
+            asyncio.run, self._execute_goal(execute_callback or self._execute_callback, goal_handle)
+        )
+
+    def destroy(self):
+        """Wait for running goals and withdraw the action."""
+        self._pool.shutdown()
+        super().destroy()
+
+
+def participant_of(header) -> bytes:
+    """Return the beginning of the ids of a client's endpoints, from its request's header; empty if unknown.
+
+    rclpy does not show the writer's id of the header. It is read from the C structure behind the object, a
+    pointer after the object's head; the sequence number after the id tells whether this holds.
+    """
+    try:
+        place = ctypes.c_void_p.from_address(id(header) + object.__basicsize__).value
+        raw = ctypes.string_at(place, _GUID + 8) if place else b""
+    except (TypeError, ValueError):
+        return b""
+    if int.from_bytes(raw[_GUID:], sys.byteorder) != header.sequence_number:
+        return b""
+    return raw[:_GUID_PREFIX]
+
+
+class ClientProcess:
+    """Process of a participant, where it runs on this machine and uses Fast DDS.
+
+    Parameters
+    ----------
+    participant : bytes
+        As from `participant_of`.
+    own : bytes
+        Id of an endpoint of this process; empty if it is unknown.
+    """
+
+    def __init__(self, participant: bytes, own: bytes):
+        self._descriptor = None
+        if participant and participant[_MACHINE] == own[_MACHINE]:
+            with contextlib.suppress(AttributeError, OSError):  # not on Linux, or the process has just ended
+                self._descriptor = _opened(int.from_bytes(participant[_PROCESS], "little"))
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process has ended; False if it is unknown."""
+        if self._descriptor is None:
+            return False
+        poll = select.poll()
+        poll.register(self._descriptor, select.POLLIN)
+        return bool(poll.poll(0))
+
+    def close(self) -> None:
+        """Stop watching the process."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+
+def _opened(number):
+    """Return a descriptor of the only process of this middleware with a number's lowest bits, or None."""
+    if not get_rmw_implementation_identifier().startswith(_MIDDLEWARE):
+        return None
+    pids = [int(name) for name in os.listdir("/proc") if name.isdigit()]
+    found = [pid for pid in pids if pid % _PIDS == number and _uses_middleware(pid)]
+    return os.pidfd_open(found[0]) if len(found) == 1 else None
+
+
+def _uses_middleware(pid):
+    """Return whether a process has loaded Fast DDS; False for processes of other users."""
+    try:
+        with open(f"/proc/{pid}/maps", encoding="utf-8", errors="replace") as maps:
+            return any(_MIDDLEWARE in line for line in maps)
+    except OSError:
+        return False
