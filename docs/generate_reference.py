@@ -237,7 +237,7 @@ def _plugin_commands():
     """Return the commands of other packages, and `evaluate`, which depend on what is installed."""
     from importlib.metadata import entry_points
 
-    from unc_physics.cli.plugins import GROUP
+    from unc_physics.cli.parser import GROUP
 
     return {point.name for point in entry_points(group=GROUP)} | {"evaluate"}
 

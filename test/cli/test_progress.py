@@ -2,12 +2,12 @@
 
 import time
 
-from unc_physics.cli import progress
+from unc_physics.cli import output
 
 
 def test_notes_say_that_work_goes_on_and_end_with_it(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "NOTE_AFTER", 0.02)
-    with progress.told_progress("cloud", "step", "a horizon of 9 s") as show:
+    monkeypatch.setattr(output, "NOTE_AFTER", 0.02)
+    with output.told_progress("cloud", "step", "a horizon of 9 s") as show:
         assert show is None  # telling costs time
         time.sleep(0.3)
     said = capsys.readouterr().err

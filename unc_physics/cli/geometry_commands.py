@@ -7,8 +7,7 @@ from pathlib import Path
 
 from ..checks.shown import plain_digits, printable
 from ..programs import dying_at_interrupt
-from .output import check_output, note, writing
-from .progress import PROGRESS_AFTER
+from .output import PROGRESS_AFTER, check_output, note, writing
 
 _LARGE, _SMALL = 1e4, 1.0  # size range of a body [mm]; outside it, the mesh may have another unit
 

@@ -1,21 +1,22 @@
-"""Command-line parser."""
+"""Command-line parser, with commands of other packages: entry points of the group `GROUP`."""
 
 from __future__ import annotations
 
 import argparse
+from importlib.metadata import entry_points
 
 from .. import __version__
 from ..checks.shown import printable
 from .calibrate_command import add_calibrate_command
 from .geometry_commands import add_models_command, add_pack_command, add_show_command
 from .import_command import add_import_command
-from .plugins import add_plugin_commands
 from .predict_command import add_predict_command
-from .propagators_command import add_propagators_command
+from .propagator_commands import add_propagators_command, add_warm_up_command
 from .rank_command import add_rank_command
 from .schema_command import add_schema_command
 from .view_command import add_view_command
-from .warm_up_command import add_warm_up_command
+
+GROUP = "unc_physics.commands"
 
 
 class OneSentenceParser(argparse.ArgumentParser):
@@ -46,5 +47,37 @@ def build_parser() -> argparse.ArgumentParser:
     add_show_command(commands)
     add_view_command(commands)
     add_warm_up_command(commands)
-    add_plugin_commands(commands)
+    _add_plugin_commands(commands)
     return parser
+
+
+def _add_plugin_commands(commands) -> None:
+    """Add the parsers of installed packages' commands to the command line's subparsers.
+
+    An entry point names a function that takes the subparsers and adds one. Its defaults include ``run``.
+    """
+    found = {point.name: point for point in entry_points(group=GROUP)}
+    for point in found.values():
+        point.load()(commands)
+    if "evaluate" not in found:
+        _add_missing_evaluate(commands)
+
+
+def _add_missing_evaluate(commands):
+    """Add a command ``evaluate`` that prints how to install its package."""
+    parser = commands.add_parser(
+        "evaluate",
+        help="measure speed and error of all propagators (a package of its own, not installed)",
+        add_help=False,
+        prefix_chars="\0",  # accept options without parsing them
+    )
+    parser.add_argument("arguments", nargs="*", help=argparse.SUPPRESS)
+    parser.set_defaults(run=_say_how_to_install)
+
+
+def _say_how_to_install(arguments):
+    from ..checks.errors import NotSupportedError
+
+    raise NotSupportedError(
+        "evaluate needs the package unc_physics_evaluation; from the repository: pip install ./evaluation"
+    )

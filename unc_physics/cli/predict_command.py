@@ -12,8 +12,7 @@ from pathlib import Path
 
 from ..checks.shown import printable
 from ..propagators.names import ANYTIME, entries
-from .output import check_output, note, writing
-from .progress import told_progress
+from .output import check_output, note, told_progress, writing
 
 _SHOWN_STATE = 1000.0  # bytes of a body's state as Python numbers and as text
 _TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME}"

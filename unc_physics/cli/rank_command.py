@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from .output import writing
+from .output import told_progress, writing
 from .predict_command import check_picture
-from .progress import told_progress
 
 
 def add_rank_command(commands) -> None:

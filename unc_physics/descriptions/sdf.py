@@ -8,8 +8,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..checks.errors import InvalidRequestError, UncPhysicsError
-from .parts import Description, Inertial, Link, Shape
-from .xml_files import read_xml, referred
+from .parts import Description, Inertial, Link, Shape, read_xml, referred
 
 _DEPTH = 10  # largest nesting depth of models and of includes
 _SIZES = {

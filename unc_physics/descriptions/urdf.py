@@ -13,8 +13,7 @@ import numpy as np
 from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import number
-from .parts import Description, Inertial, Link, Shape
-from .xml_files import read_xml, referred
+from .parts import Description, Inertial, Link, Shape, read_xml, referred
 
 _KNOWN = ("box", "cylinder", "sphere", "mesh")
 

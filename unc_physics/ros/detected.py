@@ -6,6 +6,7 @@ One in mid-air is not predicted.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -25,8 +26,8 @@ from .messages.scene import UNKNOWN
 from .models import ModelLibrary
 
 try:
-    from vision_msgs.msg import Detection3DArray  # pyright: ignore[reportMissingImports]  (optional)
-except ImportError:
+    Detection3DArray: Any = importlib.import_module("vision_msgs.msg").Detection3DArray
+except ImportError:  # optional
     Detection3DArray = None
 
 _SIGMAS = 3.0

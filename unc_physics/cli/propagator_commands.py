@@ -1,8 +1,29 @@
-"""The command ``warm-up``: compile kernels in advance, for example during installation or launch."""
+"""The commands about propagators: ``propagators`` lists them, ``warm-up`` compiles their kernels."""
 
 from __future__ import annotations
 
 import time
+
+
+def add_propagators_command(commands) -> None:
+    """Add the parser of ``propagators`` to the command line's subparsers."""
+    parser = commands.add_parser(
+        "propagators",
+        help="list the propagators and their options",
+        description="List the propagators, those of other packages included: what each is, and its options.",
+    )
+    parser.set_defaults(run=run_propagators)
+
+
+def run_propagators(arguments) -> int:
+    """Print the propagators and their options."""
+    from ..propagators.registry import PROPAGATORS
+
+    for name, cls in PROPAGATORS.items():
+        print(f"{name}: {cls.description()}")
+        for option in cls.described_options():
+            print(f"    {option.name}: {option.as_text()}")
+    return 0
 
 
 def add_warm_up_command(commands) -> None:
@@ -23,10 +44,10 @@ def add_warm_up_command(commands) -> None:
         help="for scenes of this physics; propagators that do not run on it are made ready for the paper's"
         " (default: everyday)",
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_warm_up)
 
 
-def run(arguments) -> int:
+def run_warm_up(arguments) -> int:
     """Compile with a progress bar, and print the duration for each propagator."""
     from tqdm import tqdm
 
