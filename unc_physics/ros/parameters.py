@@ -332,11 +332,10 @@ class Settings:
         check_integrator(self.integrator)
         for spec in fields(self):
             value = getattr(self, spec.name)
-            numbers = value if isinstance(value, tuple) else (value,)
-            if any(isinstance(number, float) and not math.isfinite(number) for number in numbers):
+            chosen = value if isinstance(value, tuple) else (value,)
+            if any(isinstance(number, float) and not math.isfinite(number) for number in chosen):
                 raise InvalidOptionError("must be finite", field=spec.name, value=value)
             choices = spec.metadata["choices"]
-            chosen = value if isinstance(value, tuple) else (value,)
             if choices and not set(chosen) <= {*choices, *([""] if isinstance(value, tuple) else [])}:
                 raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
         object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
@@ -351,30 +350,21 @@ class Settings:
                 field="horizons",
                 value=list(self.horizons),
             )
-        if len(self.tracked_topics) != len(self.tracked_models):
-            raise InvalidOptionError(
-                f"must name a model for each of the {len(self.tracked_topics)} tracked_topics",
-                field="tracked_models",
-                value=list(self.tracked_models),
-            )
-        if len(self.observed_objects) != len(self.observed_models):
-            raise InvalidOptionError(
-                f"must name a model for each of the {len(self.observed_objects)} observed_objects",
-                field="observed_models",
-                value=list(self.observed_models),
-            )
-        if len(self.symmetric_models) != len(self.symmetry_axes):
-            raise InvalidOptionError(
-                f"must name an axis for each of the {len(self.symmetric_models)} symmetric_models",
-                field="symmetry_axes",
-                value=list(self.symmetry_axes),
-            )
-        for name, topic in [
-            *(("tracked_topics", topic) for topic in self.tracked_topics if topic),
-            *([("planning_scene_topic", self.planning_scene_topic)] if self.planning_scene_topic else []),
-        ]:
+        for names, partners, partner in (
+            ("tracked_topics", "tracked_models", "a model"),
+            ("observed_objects", "observed_models", "a model"),
+            ("symmetric_models", "symmetry_axes", "an axis"),
+        ):
+            count, given = len(getattr(self, names)), getattr(self, partners)
+            if len(given) != count:
+                raise InvalidOptionError(
+                    f"must name {partner} for each of the {count} {names}", field=partners, value=list(given)
+                )
+        topics = [("tracked_topics", topic) for topic in self.tracked_topics]
+        for name, topic in [*topics, ("planning_scene_topic", self.planning_scene_topic)]:
             try:
-                validate_topic_name(topic)
+                if topic:
+                    validate_topic_name(topic)
             except InvalidTopicNameException:
                 raise InvalidOptionError("is no name of a topic", field=name, value=topic) from None
         if not self.world_frame:

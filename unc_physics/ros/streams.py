@@ -151,7 +151,7 @@ class Stream:
         self._occupancy = OccupancyTopics(server)
         self._poses = {}
         self._topics = SceneTopics(
-            node, server.parameters, server.library, server.frames, self._work, server.diagnostics.replaced
+            node, server.parameters, server.library, server.frames, self._work, self._replaced
         )
 
     @property
@@ -180,7 +180,12 @@ class Stream:
         took = time.perf_counter() - began
         streamed.pace.took(took, limit)
         if published and limit is not None and took > limit:
-            self._server.diagnostics.late(took, limit)
+            counts = self._server.diagnostics.predictions
+            counts.add("late predictions")
+            counts.warn(f"late: a prediction took {took:.3g} s, and the stream's limit is {limit:.3g} s")
+
+    def _replaced(self):
+        self._server.diagnostics.predictions.add("replaced inputs")
 
     def _predict(self, streamed, limit):
         """Predict a scene and publish the result; errors go to the log and the diagnostics.
@@ -191,7 +196,7 @@ class Stream:
         published, result = False, Result()
         with server.errors_into(result):
             if (reason := stamp_problem(server.node, header.stamp, settings)) is not None:
-                server.diagnostics.dropped()
+                server.diagnostics.predictions.add("dropped inputs")
                 self._warn(f"a scene was dropped: {reason}")
                 return False
             scene, skipped = prepared(streamed, server.frames, server.environment, server.library, settings)
@@ -248,18 +253,21 @@ class Stream:
             self._publish_poses(message, settings)
             self._markers.publish(message.header, job, message)
             self._occupancy.publish(job, message)
-        server.diagnostics.skipped(len(message.skipped))
+        counts = server.diagnostics.predictions
+        counts.add("skipped objects", len(message.skipped))
         for skipped in message.skipped:
             self._warn(f"object '{skipped.key}' was left out: {skipped.value}")
         if (delay := stamp_age(server.node, message.header.stamp)) is not None:
-            server.diagnostics.delayed(delay)
+            counts.set("last delay of the stream [s]", delay)
 
     def _is_over(self, stamp):
         """Return whether the last horizon has passed, and record it."""
         age, last = stamp_age(self._server.node, stamp), max(self._server.settings.horizons)
         if age is None or age <= last:
             return False
-        self._server.diagnostics.expired()
+        counts = self._server.diagnostics.predictions
+        counts.add("expired predictions")
+        counts.warn("late: the last horizon of a prediction had passed")
         self._warn(
             f"a prediction was dropped: its scene is {age:.3g} s old, and its last horizon is {last:g} s"
         )

@@ -164,17 +164,16 @@ class Tracking:
         self._receive(observation_of(detections, self._server.library, self._server.settings.tracked_mass))
 
     def _receive(self, observation):
-        if not (observation.header.stamp.sec or observation.header.stamp.nanosec):
-            observation.header.stamp = self._clock.now().to_msg()
-        self._pass_on(observation.header, self._correct, observation)
+        self._pass_on(self._correct, observation)
 
     def _acted(self, message):
-        if not (message.header.stamp.sec or message.header.stamp.nanosec):
-            message.header.stamp = self._clock.now().to_msg()
-        self._pass_on(message.header, self._act, message)
+        self._pass_on(self._act, message)
 
-    def _pass_on(self, header, work, message):
+    def _pass_on(self, work, message):
         """Have the worker process a message, once its transform is there."""
+        header = message.header
+        if not (header.stamp.sec or header.stamp.nanosec):
+            header.stamp = self._clock.now().to_msg()
         with self._pending_lock:
             if self._pending >= _PENDING:
                 self._counts.add("dropped messages")
@@ -219,7 +218,8 @@ class Tracking:
         result, settings = Result(), self._server.settings
         with self._server.errors_into(result):
             if (reason := stamp_problem(self._server.node, message.header.stamp, settings)) is not None:
-                self._counts.add("dropped messages", warning=reason)
+                self._counts.add("dropped messages")
+                self._counts.warn(f"dropped messages: {reason}")
                 self._warn(f"a message to the tracker was dropped: {reason}")
                 return
             try:
@@ -241,7 +241,9 @@ class Tracking:
     def _report_skipped(self, skipped):
         for name, reason in skipped.items():
             self._warn(f"an observation of '{name}' was left out: {reason}")
-        self._counts.add("skipped observations", len(skipped), next(iter(skipped.values()), ""))
+        self._counts.add("skipped observations", len(skipped))
+        if reason := next(iter(skipped.values()), ""):
+            self._counts.warn(f"skipped observations: {reason}")
         with self._lock:
             self._skipped.update(skipped)
 
@@ -259,10 +261,10 @@ class Tracking:
         counts.add("new objects", found.births)
         counts.add("late observations", len(objects) * found.is_late)
         if found.is_too_late:
-            counts.add(
-                "observations beyond the window",
-                len(objects),
-                f"observations are later than tracking_window of {settings.tracking_window:g} s",
+            counts.add("observations beyond the window", len(objects))
+            counts.warn(
+                "observations beyond the window: observations are later than tracking_window of"
+                f" {settings.tracking_window:g} s"
             )
         if (delay := stamp_age(self._server.node, observation.header.stamp)) is not None:
             counts.set("last delay [s]", delay)
