@@ -43,11 +43,15 @@ def test_the_example_is_ranked(tmp_path, capsys):
     assert told["rollouts"] == expected.rollouts and told["seed"] == 4
 
 
-def test_the_table_names_what_it_tells(capsys):
+def test_the_table_has_what_it_tells_below_its_headings(capsys):
     assert main(["rank", str(EXAMPLE), *SHORT]) == 0
     head, columns, *rows = capsys.readouterr().out.splitlines()
     assert head.startswith("probability of: salt_box in bin; highest first;") and "[4]" in columns
     assert len([row for row in rows if " cm " in row]) == 10 and "[1] salt_box upright" in rows
+    for row in rows[:10]:
+        for k in range(1, 5):
+            end = columns.index(f"[{k}]") + 3
+            assert 0.0 <= float(row[end - 5 : end]) <= 1.0 and row[end - 6] == " "
 
 
 def test_scores_of_a_file_are_events(tmp_path):
@@ -138,15 +142,6 @@ def test_a_wrong_option_is_told_in_a_sentence(tmp_path, capsys):
     assert "is a file of actions, which the command 'rank' takes" in capsys.readouterr().err
     assert main(["rank", str(tmp_path / "none.yaml")]) == ErrorCode.INVALID_REQUEST
     assert "actions file" in capsys.readouterr().err
-
-
-def test_further_events_stand_below_their_headings(capsys):
-    assert main(["rank", str(EXAMPLE), *SHORT]) == 0
-    _, columns, *rows = capsys.readouterr().out.splitlines()
-    for row in rows[:10]:
-        for k in range(1, 5):
-            end = columns.index(f"[{k}]") + 3
-            assert 0.0 <= float(row[end - 5 : end]) <= 1.0 and row[end - 6] == " "
 
 
 def test_a_ranking_prints_at_most_thirty_lines():

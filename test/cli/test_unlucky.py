@@ -205,29 +205,6 @@ def test_what_has_no_effect_is_noted(scene, capsys, options, words):
     assert out[-1] == "status: fine"
 
 
-@pytest.mark.parametrize(
-    "options, words",
-    [
-        ("--option name=x", "name is no option of auto; its options are"),
-        ("--option points=full --option points=minimal", "--option is given twice (got 'points')"),
-        (
-            "--propagator monte_carlo --samples 5 --option samples=7",
-            "samples is given twice, once as an option",
-        ),
-        ("--json --samples-out 10000000000", "--samples-out must be less: what is shown of them takes about"),
-        ("--status-rollouts 1", "--status-rollouts must be 0, or at least 2 (got 1)"),
-        ("--propagator surrogate --status-rollouts 1000000000", "--status-rollouts must be at most 10000000"),
-        ("--period 0.0034", "period is no multiple of dt = 0.01 s, and the explicit integrator takes whole"),
-        ("--horizon 0.012", "horizon is no multiple of dt = 0.01 s, and the explicit integrator takes whole"),
-        ("--models /nonexistent", "bodies[0].model cannot be looked up: /nonexistent is no folder (got"),
-    ],
-)
-def test_options_that_make_no_sense(scene, capsys, options, words):
-    assert main(["predict", str(scene), *options.split()]) > 2
-    (line,) = text_of(capsys)[1]
-    assert line.startswith(f"unc_physics: {words}")
-
-
 def test_models_of_a_folder_that_is_none(capsys):
     assert main(["models", "--models", "/nonexistent"]) == ErrorCode.UNKNOWN_MODEL
     (line,) = text_of(capsys)[1]

@@ -27,20 +27,6 @@ def test_error_codes_are_exit_statuses():
 
 
 @pytest.mark.parametrize(
-    "asked", [srv.Predict.Request, srv.PredictCandidates.Request, action.PredictLong.Goal]
-)
-def test_all_predictions_take_the_same_request(asked):
-    assert asked.get_fields_and_field_types()["request"] == "unc_physics_msgs/PredictionRequest"
-
-
-@pytest.mark.parametrize("answer", [srv.Predict.Response, action.PredictLong.Result, msg.CandidatePrediction])
-def test_all_predictions_give_the_same_answer(answer):
-    fields = answer.get_fields_and_field_types()
-    assert fields["result"] == "unc_physics_msgs/Result"
-    assert fields["prediction"] == "unc_physics_msgs/Prediction"
-
-
-@pytest.mark.parametrize(
     "file",
     sorted(
         path.relative_to(ROOT)

@@ -7,8 +7,6 @@ import sys
 import tomllib
 from building import ROOT, run
 
-from unc_physics import __version__
-
 
 def test_imports_keep_to_the_layers():
     command = os.path.join(sys.prefix, "bin", "lint-imports")
@@ -41,14 +39,3 @@ def test_only_the_evaluations_own_tests_import_it():
                 if isinstance(node, ast.ImportFrom | ast.Import):
                     modules = [getattr(node, "module", None), *(name.name for name in node.names)]
                     assert not any("unc_physics_evaluation" in (module or "") for module in modules), path
-
-
-def test_one_version_everywhere():
-    assert f"<version>{__version__}</version>" in (ROOT / "package.xml").read_text()
-    assert f"<version>{__version__}</version>" in (ROOT / "unc_physics_msgs" / "package.xml").read_text()
-    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text()
-    assert f'version="{__version__}"' in (ROOT / "setup.py").read_text()
-    evaluation = (ROOT / "evaluation" / "pyproject.toml").read_text()
-    assert f'version = "{__version__}"' in evaluation
-    assert f'"unc_physics=={__version__}"' in evaluation
-    assert f"\n{__version__} (" in (ROOT / "CHANGELOG.rst").read_text()

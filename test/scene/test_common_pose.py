@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief
-from unc_physics.checks.errors import InvalidCovarianceError, InvalidRequestError, NotFiniteError
+from unc_physics.checks.errors import InvalidCovarianceError, InvalidRequestError
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 STD = np.array([0.01, 0.02, 0.005, 0.03, 0.01, 0.02])
@@ -76,19 +76,11 @@ def test_no_error_changes_nothing(belief):
     "std, origin, error, words",
     [
         ([0.1] * 5, ORIGIN, InvalidCovarianceError, "common_pose_std must be six numbers"),
-        (
-            [0.1] * 5 + [-0.1],
-            ORIGIN,
-            InvalidCovarianceError,
-            r"common_pose_std\[5\] must not be negative.*-0.1",
-        ),
-        ([0.1] * 5 + [np.nan], ORIGIN, NotFiniteError, "common_pose_std.*nan"),
-        ([1e200] * 6, ORIGIN, NotFiniteError, "common_pose_std"),
         ("far", ORIGIN, InvalidCovarianceError, "common_pose_std.*far"),
-        (STD, [0.0, np.inf, 0.0], NotFiniteError, "common_pose_origin.*inf"),
         (STD, [0.0, 0.0], InvalidRequestError, "common_pose_origin.*shape"),
     ],
 )
 def test_what_makes_no_error_is_refused(belief, std, origin, error, words):
+    """What the numbers may be is in test/cli/test_bad_input.py."""
     with pytest.raises(error, match=words):
         belief.with_common_pose_std(std, origin)

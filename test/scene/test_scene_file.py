@@ -60,6 +60,7 @@ NULLABLE = [key for key in PHYSICS_KEYS if key != "overlap"]  # whose null would
 def test_what_a_file_does_not_name_is_not_there(entries):
     content = CONTENTS["two_bodies"]() | entries
     scene = scene_from_dict(content).scene
+    assert scene.dt == 0.01 and scene.stiffness == 1e4 and not scene.gravity.any()
     assert scene.environment == () and scene.friction is None and scene.restitution is None
     assert not scene.gyroscopic and not scene.islands and scene.integrator == "explicit"
     assert scene.overlap == "keep" and not any(body.at_rest for body in scene.bodies)

@@ -13,12 +13,6 @@ SCENES = sorted((ROOT / "examples" / "scenes").glob("*.yaml"))
 HORIZON = 0.05  # s
 
 
-def test_there_are_scenes():
-    assert {"two_bunnies", "salt_box_on_table", "can_off_shelf", "drop_into_bin", "scattered"} <= {
-        path.stem for path in SCENES
-    }
-
-
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
 def test_an_example_scene_is_predicted(path):
     scene, belief, horizon = load_scene(path)
