@@ -22,9 +22,8 @@ def node():
     """The node with its default parameters, but zeros as exactly known, models by path, and all propagators
     warm; shared.
     """
-    warm = f"warm_up:=[{', '.join(PROPAGATORS)}]"  # a first request would wait for its kernels
-    options = ("zero_covariance:=exact", "allow_model_paths:=true", warm)
-    with NodeProcess(*(part for option in options for part in ("-p", option))) as process:
+    # a first request would wait for its kernels
+    with NodeProcess(zero_covariance="exact", allow_model_paths=True, warm_up=list(PROPAGATORS)) as process:
         yield process
 
 

@@ -152,16 +152,13 @@ def push(client):
 
 def day(duration, seed=1, report=lambda text: None):
     """Spend so many seconds; return the growth of the node's memory [MB] and the `Day`."""
-    topics = ", ".join(f'"/can_{k}"' for k in range(CANS + 1))
-    models = ", ".join(['"can"'] * (CANS + 1))
     parameters = {
-        "use_sim_time": "true",
-        "tracked_topics": f"[{topics}]",
-        "tracked_models": f"[{models}]",
+        "use_sim_time": True,
+        "tracked_topics": [f"/can_{k}" for k in range(CANS + 1)],
+        "tracked_models": ["can"] * (CANS + 1),
         "zero_covariance": "exact",
     }
-    arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
-    with NodeProcess(*arguments, name=NODE) as node, Client() as client:
+    with NodeProcess(name=NODE, **parameters) as node, Client() as client:
         set_environment(client)
         robot = Day(client, seed)
         steps, first, errors = round(duration * RATE), None, 0

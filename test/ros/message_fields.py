@@ -3,8 +3,6 @@
 import importlib
 import re
 
-import numpy as np
-
 OWN = "unc_physics_msgs"
 
 
@@ -39,19 +37,3 @@ def values_at(message, path):
     value = getattr(message, first.removesuffix("[]"))
     parts = value if first.endswith("[]") else [value]
     return [found for part in parts for found in values_at(part, rest)] if rest else list(parts)
-
-
-def filled(kind, numbers):
-    """A value of a field's type in which nothing is empty or zero, and all numbers differ."""
-    element, count = element_type(kind)
-    if count is not None:
-        values = [filled(element, numbers) for _ in range(count)]
-        return np.array(values) if kind.startswith("double[") else values
-    if "/" in element:
-        message = message_type(element)()
-        for name, own in message.get_fields_and_field_types().items():
-            setattr(message, name, filled(own, numbers))
-        return message
-    number = next(numbers)
-    kinds = {"double": float(number), "float": float(number), "boolean": True, "string": f"text {number} ü"}
-    return kinds.get(element, number % 100 + 1)

@@ -1,5 +1,6 @@
 """Processes of nodes, and a client."""
 
+import contextlib
 import queue
 import signal
 import subprocess
@@ -9,7 +10,9 @@ import time
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 
+from unc_physics.ros import UncPhysicsNode
 from unc_physics.ros.connection import spin
 from unc_physics_msgs.srv import Predict
 
@@ -18,11 +21,12 @@ ANSWER_TIMEOUT = 60.0  # s
 
 
 class NodeProcess:
-    """``python -m unc_physics.ros.node`` with ROS arguments, running while the context lasts."""
+    """``python -m unc_physics.ros.node`` with ROS arguments and parameters, until the context ends."""
 
-    def __init__(self, *ros_arguments, module="unc_physics.ros.node", name="unc_physics"):
+    def __init__(self, *ros_arguments, module="unc_physics.ros.node", name="unc_physics", **parameters):
         remap = ["-r", f"__node:={name}"]
-        self.command = [sys.executable, "-m", module, "--ros-args", *remap, *ros_arguments]
+        given = [part for one in parameters.items() for part in ("-p", "{}:={}".format(*map(as_yaml, one)))]
+        self.command = [sys.executable, "-m", module, "--ros-args", *remap, *ros_arguments, *given]
         self.name = name
 
     def __enter__(self):
@@ -58,6 +62,35 @@ class NodeProcess:
     def __exit__(self, *_):
         if self.process.poll() is None:
             self.end()
+
+
+def as_yaml(value):
+    """A parameter's value as the command line takes it."""
+    return str(value).lower() if isinstance(value, bool) else str(value).replace("'", '"')
+
+
+@contextlib.contextmanager
+def node_in_this_process(
+    name="unc_physics", executor=SingleThreadedExecutor, others=(), namespace="", **values
+):
+    """The node with parameters, spinning in a thread beside nodes that ``others`` make of its context."""
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    start = [Parameter(key, value=value) for key, value in values.items()]
+    node = UncPhysicsNode(
+        name, context=context, namespace=namespace, parameter_overrides=start, use_global_arguments=False
+    )
+    running = executor(context=context)
+    for each in (node, *(make(context) for make in others)):
+        running.add_node(each)
+    thread = threading.Thread(target=spin, args=[running], daemon=True)
+    thread.start()
+    wait_until(lambda: node.server.is_open and node.server.deferred_answers.supported, READY_TIMEOUT)
+    yield node
+    node.destroy_node()
+    running.shutdown()
+    context.try_shutdown()
+    thread.join(5.0)
 
 
 class Client:

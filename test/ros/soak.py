@@ -247,9 +247,8 @@ def soak(duration, requests, seed, report=lambda text: None):
     by code.
     """
     rng = random.Random(seed)
-    arguments = [part for name, value in LIMITS.items() for part in ("-p", f"{name}:={value}")]
-    arguments += ["-p", "zero_covariance:=exact", "--log-level", "error", "--log-level", f"{NODE}:=info"]
-    with NodeProcess(*arguments, name=NODE) as node, Client() as client:
+    log = "--log-level", "error", "--log-level", f"{NODE}:=info"
+    with NodeProcess(*log, name=NODE, zero_covariance="exact", **LIMITS) as node, Client() as client:
 
         def checked(future):
             try:

@@ -6,9 +6,8 @@ from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Transform as Place
 from geometry_msgs.msg import Vector3
 from geometry_msgs.msg import Wrench as WrenchMessage
-from scenes import material_of, moving_object
+from scenes import moving_object
 from scipy.spatial.transform import Rotation
-from shape_msgs.msg import Plane as PlaneMessage
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics import Belief, BodyBelief, Box, Plane, PosePath, RigidBody, Scene, UncPhysicsError, Wrench
@@ -18,8 +17,7 @@ from unc_physics.ros.messages.scene import read_scene, write_scene
 from unc_physics.ros.models import ModelLibrary, _info
 from unc_physics.scene.action_arrays import path_states
 from unc_physics.scene.presets import EXACT_PRESETS
-from unc_physics.scene.scene_file import scene_from_dict
-from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, EnvironmentElement, ObjectState
+from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, ObjectState
 from unc_physics_msgs.msg import Scene as SceneMessage
 
 LIBRARY = ModelLibrary()
@@ -204,22 +202,3 @@ def test_drag_and_materials_go_there_and_back():
     ):
         assert [getattr(own, name) for name in names] == [getattr(given, name) for name in names]
     assert [body.drag for body in found.bodies] == [0.01, 0.0, 0.0]
-
-
-def test_a_material_is_that_of_a_scene_file():
-    """The same words as in a scene file give the same scene."""
-    given, surface = {"material": "cardboard", "friction": 0.4}, {"material": "glass", "restitution_std": 0.1}
-    body = {"name": "a", "model": "can", "spheres": 20, "drag": 0.02} | given
-    plane = {"name": "floor", "plane": {"normal": [0, 0, 1]}} | surface
-    loaded = scene_from_dict({"physics": "everyday", "bodies": [body], "environment": [plane]}).scene
-    message = moving_object("a", "can", spheres=20)
-    message.drag, message.material = 0.02, material_of(name="cardboard", friction=0.4)
-    floor = EnvironmentElement(plane=PlaneMessage(coef=[0.0, 0.0, 1.0, 0.0]))
-    floor.material = material_of(name="glass", restitution_std=0.1)
-    sent = SceneMessage(objects=[message])
-    sent.environment.elements = [floor]
-    found = read_scene(sent, LIBRARY, EXACT_PRESETS["everyday"]).scene
-    names = ("friction", "friction_std", "restitution", "restitution_std")
-    for own, expected in ((found.bodies[0], loaded.bodies[0]), (found.environment[0], loaded.environment[0])):
-        assert [getattr(own, name) for name in names] == [getattr(expected, name) for name in names]
-    assert found.bodies[0].drag == loaded.bodies[0].drag == 0.02

@@ -5,6 +5,7 @@
 
 import random
 
+import in_process
 import pytest
 from example_scenes import examples
 from hypothesis import HealthCheck, given, settings
@@ -12,33 +13,20 @@ from hypothesis import strategies as st
 from scenes import good_request, packed
 from soak import LIMITS, TEXTS, check, spoiled
 
-from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.propagators.names import DEFAULT, REFERENCE
-from unc_physics.ros.messages.fields import write_error
-from unc_physics.ros.messages.frames import Frames
-from unc_physics.ros.messages.prediction import write_answer
-from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 from unc_physics_msgs.msg import PredictionRequest
-from unc_physics_msgs.srv import Predict
 
 SETTINGS = Settings(zero_covariance="exact", **LIMITS)
-FRAMES = object.__new__(Frames)  # of no node: it knows the world's frame alone
-FRAMES._world_frame, FRAMES._buffer = SETTINGS.world_frame, None
 LIBRARY = ModelLibrary()
 
 
 def answer_to(request):
-    """The node's response to a request, with its result and its prediction."""
-    response = Predict.Response()
-    try:
-        job = read_request(request, SETTINGS, LIBRARY, FRAMES, time_limit=SETTINGS.max_computation_time)
-        if job.propagator.name in (DEFAULT, REFERENCE):  # the others' kernels are compiled elsewhere
-            write_answer(response.prediction, request.scene.header, SETTINGS, job, job.run())
-    except UncPhysicsError as error:
-        write_error(response.result, error)
-    return response
+    """The node's response; those of other propagators, whose kernels are compiled elsewhere, are empty."""
+    return in_process.answer_to(
+        request, SETTINGS, LIBRARY, computed=lambda job: job.propagator.name in (DEFAULT, REFERENCE)
+    )
 
 
 def check_sentence(response):

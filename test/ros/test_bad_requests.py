@@ -1,4 +1,4 @@
-"""Bad requests get each their error code, and the node answers the next good one."""
+"""Bad requests get each their error code and field, and the node answers the next good one."""
 
 import shutil
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import Pose, Quaternion
+from geometry_msgs.msg import Pose, Quaternion, Vector3
+from in_process import answer_to
 from running import NodeProcess
 from scenes import (
     assert_answered,
@@ -24,9 +25,12 @@ from shape_msgs.msg import Plane, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.geometry.library import find_model
+from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.parameters import Settings
 from unc_physics_msgs.msg import BoxRegion, EnvironmentElement, JointCovariance, ObjectState
 
 NAN, INF = float("nan"), float("inf")
+SETTINGS = Settings(zero_covariance="exact")
 BOX, SPHERE, CYLINDER = SolidPrimitive.BOX, SolidPrimitive.SPHERE, SolidPrimitive.CYLINDER
 
 
@@ -43,34 +47,67 @@ def changed(path, value):
     return request
 
 
-def wrong(path, value, code):
-    return changed(path, value), code, path
+# rows of BAD: a request, its error's code, and the field; @ is the second object, # the first element
 
 
-def wrong_physics(code, **value):
-    (key,) = value
-    return physics(**value), code, f"physics.{key}"
+def field(path, value, code, named=None):
+    return changed(path, value), code, named or path
 
 
-def with_option(*pairs, **others):
+def option(*pairs, code="INVALID_OPTION", named, **others):
     options = [KeyValue(key=key, value=value) for key, value in pairs]
-    return good_request(propagator_options=options, **others)
+    return good_request(propagator_options=options, **others), code, named
 
 
-def physics(**values):
-    return with_physics(good_request(), **values)
+def physics(code, named="", **values):
+    *_, key = values
+    return with_physics(good_request(), **values), code, named or f"physics.{key}"
 
 
-def lopsided():
-    covariance = diagonal(*[0.1] * 6)
-    covariance[3] = 0.001
-    return covariance
+def element(given, code, place):
+    return elements(given), code, f"#{place}"
 
 
-def indefinite():
-    covariance = np.eye(6)
-    covariance[0, 1] = covariance[1, 0] = 1.1
-    return covariance.ravel()
+def at_rest(field, value, named, code="INVALID_REQUEST", gravity=None):
+    """In a world with the node's gravity an object at rest, with another field that contradicts it."""
+    request = with_physics(changed("@.twist.linear.x", 0.0), gravity=gravity)
+    request.scene.objects[1].at_rest = True
+    twist = request.scene.objects[1].twist
+    setattr({"x": twist.linear, "z": twist.angular}.get(field, request.scene.objects[1]), field, value)
+    return request, code, named
+
+
+def material(code, place, **values):
+    request = good_request()
+    request.scene.objects[1].material = material_of(**values)
+    return request, code, f"@.material.{place}"
+
+
+def element_material(code, place, **values):
+    return element(floor(material=material_of(**values)), code, f".material.{place}")
+
+
+def joint(ids, code, place, size=None):
+    request = good_request()
+    size = 12 * len(ids) if size is None else size
+    request.scene.joint_covariance = JointCovariance(object_ids=ids, data=packed(np.eye(size)))
+    return request, code, f"scene.joint_covariance.{place}"
+
+
+def regions(*ids, code, named):
+    request = good_request()
+    request.regions = [BoxRegion(id=name, size=Vector3(x=1.0, y=1.0, z=1.0)) for name in ids]
+    return request, code, named
+
+
+def of_fixed(row):
+    """The same row, for a fixed second object."""
+    row[0].scene.objects[1].kind = ObjectState.FIXED
+    return row
+
+
+def with_explicit_step(row):
+    return explicit(row[0]), *row[1:]
 
 
 def elements(*given):
@@ -87,376 +124,182 @@ def solid(dimensions, kind=BOX, **others):
     return EnvironmentElement(primitive=SolidPrimitive(type=kind, dimensions=dimensions), **others)
 
 
-def with_material(thing, **values):
-    thing.material = material_of(**values)
-    return thing
-
-
-def object_of(**material):
-    request = good_request()
-    with_material(request.scene.objects[1], **material)
-    return request
-
-
-def fixed_with_drag():
-    request = changed("@.drag", 0.1)
-    request.scene.objects[1].kind = ObjectState.FIXED
-    return request
-
-
-def with_joint(ids, size=None):
-    request = good_request()
-    size = 12 * len(ids) if size is None else size
-    request.scene.joint_covariance = JointCovariance(object_ids=ids, data=packed(np.eye(size)))
-    return request
-
-
-def fixed_joint():
-    request = with_joint(["left", "right"])
-    request.scene.objects[1].kind = ObjectState.FIXED
-    return request
-
-
-def with_regions(*ids):
-    request = good_request()
-    for name in ids:
-        region = BoxRegion(id=name)
-        region.size.x = region.size.y = region.size.z = 1.0
-        request.regions.append(region)
-    return request
+def many(count, **others):
+    return request_of(*[moving_object(str(k)) for k in range(count)], **others)
 
 
 def massless():
     """An object without mass, of a model without mass."""
-    request = changed("@.model", "massless")
-    request.scene.objects[1].mass, request.scene.objects[1].spheres = 0.0, 0
-    return request
+    row = field("@.model", "massless", "INVALID_MASS", "@.mass")
+    row[0].scene.objects[1].mass, row[0].scene.objects[1].spheres = 0.0, 0
+    return row
 
 
-def at_rest(speed=0.1, spin=0.0, fixed=False):
-    """A request in whose world there is gravity, and an object at rest that moves, or turns."""
-    request = good_request()
-    with_physics(request, gravity=None)
-    standing = request.scene.objects[1]
-    standing.at_rest, standing.twist.angular.x = True, spin
-    standing.twist.linear.x = speed
-    standing.kind = ObjectState.FIXED if fixed else ObjectState.DYNAMIC
-    if spin:
-        standing.twist.linear.x = 0.0
-    return request
+LOPSIDED, INDEFINITE = diagonal(*[0.1] * 6), np.eye(6)
+LOPSIDED[3] = 0.001
+INDEFINITE[0, 1] = INDEFINITE[1, 0] = 1.1
+POSE, TWIST = "@.belief.pose_covariance", "@.belief.twist_covariance"
+STEP = Duration(nanosec=10_000_000)
+WITHOUT_CORRELATIONS = explicit(good_request(propagator="surrogate", return_joint_covariance=True))
 
-
-def duplicate():
-    return request_of(moving_object("twin"), moving_object("twin"))
-
-
-#: By what is wrong: a request, its error and the field; @ is the second object, # the first element.
-BAD = {
-    "no objects": (request_of(), "NO_OBJECTS", "scene.objects"),
-    "duplicate id": (duplicate(), "DUPLICATE_ID", "@.id"),
-    "empty id": wrong("@.id", "", "INVALID_REQUEST"),
-    "unknown model": wrong("@.model", "Döner 🥙", "UNKNOWN_MODEL"),
-    "model by path": (changed("@.model", "/tmp/model.npz"), "UNKNOWN_MODEL", "@.model must be a name"),
-    "too few spheres": wrong("@.spheres", 4_000_000_000, "INVALID_MODEL"),
-    "negative scale": wrong("@.scale", -1.0, "INVALID_MODEL"),
-    "unknown propagator": wrong("propagator", "crystal_ball", "UNKNOWN_PROPAGATOR"),
-    "NaN position": (changed("@.pose.position.x", NAN), "NOT_FINITE", "@.pose.position"),
-    "infinite velocity": (changed("@.twist.linear.y", INF), "NOT_FINITE", "@.twist.linear"),
-    "NaN spin": (changed("@.twist.angular.z", NAN), "NOT_FINITE", "@.twist.angular"),
-    "NaN orientation": (changed("@.pose.orientation.w", NAN), "NOT_FINITE", "orientation"),
-    "NaN covariance": wrong("@.belief.pose_covariance", np.full(36, NAN), "NOT_FINITE"),
-    "NaN mass": wrong("@.mass", NAN, "NOT_FINITE"),
-    "NaN scale": wrong("@.scale", NAN, "NOT_FINITE"),
-    "quaternion of zeros": (changed("@.pose.orientation.w", 0.0), "INVALID_ORIENTATION", "orientation"),
-    "long quaternion": (changed("@.pose.orientation.x", 0.1), "INVALID_ORIENTATION", "orientation"),
-    "asymmetric": wrong("@.belief.pose_covariance", lopsided(), "INVALID_COVARIANCE"),
-    "indefinite": wrong("@.belief.twist_covariance", indefinite(), "INVALID_COVARIANCE"),
-    "negative variance": (
-        changed("@.belief.pose_covariance", -2.0 * diagonal(*[1.0] * 6)),
-        "INVALID_COVARIANCE",
-        "variance",
-    ),
-    "horizon of too many nanoseconds": (
-        changed("horizon", Duration(nanosec=1_000_000_000)),
-        "INVALID_HORIZON",
-        "horizon.nanosec",
-    ),
-    "time limit of too many nanoseconds": (
-        changed("max_computation_time", Duration(sec=1, nanosec=4_000_000_000)),
+BAD = [
+    # objects
+    (request_of(), "NO_OBJECTS", "scene.objects"),
+    (many(101), "LIMIT_EXCEEDED", "scene.objects"),
+    field("@.id", "left", "DUPLICATE_ID"),
+    field("@.id", "", "INVALID_REQUEST"),
+    field("@.id", "environment", "INVALID_REQUEST", "@.id is reserved"),
+    field("@.kind", 9, "INVALID_REQUEST"),
+    field("@.model", "Döner 🥙", "UNKNOWN_MODEL"),
+    field("@.model", "", "UNKNOWN_MODEL"),
+    field("@.model", "/tmp/model.npz", "UNKNOWN_MODEL", "@.model must be a name"),
+    field("@.model", "text", "INVALID_MODEL"),
+    field("@.model", "contradiction", "INVALID_MODEL"),
+    field("@.spheres", 4_000_000_000, "INVALID_MODEL"),
+    field("@.scale", -1.0, "INVALID_MODEL"),
+    field("@.scale", NAN, "NOT_FINITE"),
+    field("@.mass", -1.0, "INVALID_MASS"),
+    field("@.mass", NAN, "NOT_FINITE"),
+    massless(),
+    field("@.drag", -0.1, "INVALID_REQUEST"),
+    field("@.drag", NAN, "NOT_FINITE"),
+    of_fixed(field("@.drag", 0.1, "INVALID_REQUEST", "@.drag must be absent")),
+    at_rest("x", 0.1, "@.twist.linear"),
+    at_rest("z", 0.1, "@.twist.angular"),
+    at_rest("kind", ObjectState.FIXED, "@.at_rest"),
+    at_rest("at_rest", True, "@.at_rest needs", "INVALID_OPTION", gravity=(0.0, 0.0, 0.0)),
+    # what is known of them
+    field("@.pose.position.x", NAN, "NOT_FINITE", "@.pose.position"),
+    field("@.pose.orientation.w", NAN, "NOT_FINITE", "@.pose.orientation"),
+    field("@.pose.orientation.w", 0.0, "INVALID_ORIENTATION", "@.pose.orientation"),
+    field("@.pose.orientation.x", 0.1, "INVALID_ORIENTATION", "@.pose.orientation"),
+    field("@.twist.linear.y", INF, "NOT_FINITE", "@.twist.linear"),
+    field("@.twist.angular.z", NAN, "NOT_FINITE", "@.twist.angular"),
+    field(POSE, np.full(36, NAN), "NOT_FINITE"),
+    field(POSE, LOPSIDED, "INVALID_COVARIANCE"),
+    field(POSE, -2.0 * diagonal(*[1.0] * 6), "INVALID_COVARIANCE", "variance"),
+    field(TWIST, INDEFINITE.ravel(), "INVALID_COVARIANCE"),
+    field("@.belief.covariance", packed(np.eye(6)), "INVALID_COVARIANCE"),
+    field("@.belief.covariance", packed(-np.eye(12)), "INVALID_COVARIANCE"),
+    field("@.belief.covariance", packed([NAN] * 144), "NOT_FINITE"),
+    field("@.belief.mass_std", -0.1, "INVALID_COVARIANCE"),
+    field("@.belief.mass_std", NAN, "NOT_FINITE"),
+    field("@.belief.mass_std", 2.0, "INVALID_COVARIANCE"),
+    field("@.belief.center_of_mass_std.y", -0.1, "INVALID_COVARIANCE", "@.belief.center_of_mass_std"),
+    field("@.belief.center_of_mass_std.z", NAN, "NOT_FINITE", "@.belief.center_of_mass_std"),
+    field("scene.common_pose_std", [0.0] * 5 + [-0.1], "INVALID_COVARIANCE", "scene.common_pose_std[5]"),
+    field("scene.common_pose_std", [NAN] + [0.0] * 5, "NOT_FINITE"),
+    field("scene.common_pose_origin.z", NAN, "NOT_FINITE", "scene.common_pose_origin"),
+    joint(["left", "right", "stranger"], "INVALID_COVARIANCE", "object_ids[2]"),
+    joint(["left", "left"], "DUPLICATE_ID", "object_ids[1]"),
+    joint(["left"], "INVALID_COVARIANCE", "object_ids must name 'right'"),
+    of_fixed(joint(["left", "right"], "INVALID_COVARIANCE", "object_ids[1]")),
+    joint(["left", "right"], "INVALID_COVARIANCE", "data", size=12),
+    # times
+    field("horizon", Duration(), "INVALID_HORIZON"),
+    field("horizon", Duration(sec=-1), "INVALID_HORIZON"),
+    field("horizon", Duration(nanosec=1_000_000_000), "INVALID_HORIZON", "horizon.nanosec"),
+    field("horizon", Duration(sec=100_000), "LIMIT_EXCEEDED"),
+    with_explicit_step(field("horizon", Duration(nanosec=1000), "INVALID_HORIZON")),
+    field("trajectory_period", Duration(sec=-1, nanosec=500_000_000), "INVALID_HORIZON"),
+    field("trajectory_period", Duration(nanosec=1000), "LIMIT_EXCEEDED"),
+    with_explicit_step(field("trajectory_period", Duration(nanosec=2_000_000), "INVALID_HORIZON")),
+    (request_of(moving_object(), trajectory_period=0.1, times=[STEP]), "INVALID_REQUEST", "times"),
+    field("times", [Duration(nanosec=20_000_000), STEP], "INVALID_HORIZON", "times[1]"),
+    field("times", [Duration(sec=-1)], "INVALID_HORIZON", "times[0]"),
+    with_explicit_step(field("times", [Duration(nanosec=12_000_000)], "INVALID_HORIZON", "times[0]")),
+    field("max_computation_time", Duration(sec=-1), "INVALID_REQUEST"),
+    field(
+        "max_computation_time",
+        Duration(sec=1, nanosec=4_000_000_000),
         "INVALID_REQUEST",
         "max_computation_time.nanosec",
     ),
-    "zero horizon": wrong("horizon", Duration(), "INVALID_HORIZON"),
-    "negative horizon": wrong("horizon", Duration(sec=-1), "INVALID_HORIZON"),
-    "horizon below an explicit step": (
-        explicit(changed("horizon", Duration(nanosec=1000))),
-        "INVALID_HORIZON",
-        "horizon",
-    ),
-    "negative period": wrong("trajectory_period", Duration(sec=-1, nanosec=500_000_000), "INVALID_HORIZON"),
-    "period below an explicit step": (
-        explicit(changed("trajectory_period", Duration(nanosec=2_000_000))),
-        "INVALID_HORIZON",
-        "trajectory_period",
-    ),
-    "times and a period": (
-        request_of(moving_object(), trajectory_period=0.1, times=[Duration(nanosec=10_000_000)]),
-        "INVALID_REQUEST",
-        "times",
-    ),
-    "times that descend": (
-        changed("times", [Duration(nanosec=20_000_000), Duration(nanosec=10_000_000)]),
-        "INVALID_HORIZON",
-        "times[1]",
-    ),
-    "a negative time": (changed("times", [Duration(sec=-1)]), "INVALID_HORIZON", "times[0]"),
-    "a time between the explicit integrator's steps": (
-        explicit(changed("times", [Duration(nanosec=12_000_000)])),
-        "INVALID_HORIZON",
-        "times[0]",
-    ),
-    "negative mass": wrong("@.mass", -1.0, "INVALID_MASS"),
-    "horizon over the limit": wrong("horizon", Duration(sec=100_000), "LIMIT_EXCEEDED"),
-    "samples over the limit": wrong("samples", 1_000_000, "LIMIT_EXCEEDED"),
-    "samples over the limit, by option": (
-        with_option(("samples", "1000000"), propagator="monte_carlo"),
-        "LIMIT_EXCEEDED",
-        "samples",
-    ),
-    "returned samples over the limit": wrong("return_samples", 4_000_000_000, "LIMIT_EXCEEDED"),
-    "states over the limit": wrong("trajectory_period", Duration(nanosec=1000), "LIMIT_EXCEEDED"),
-    "steps over the limit": (physics(dt=1e-9), "LIMIT_EXCEEDED", "horizon"),
-    "too many objects": (
-        request_of(*[moving_object(str(k)) for k in range(101)]),
-        "LIMIT_EXCEEDED",
-        "scene.objects",
-    ),
-    "too large an answer": (
-        request_of(*[moving_object(str(k)) for k in range(100)], return_samples=1000, trajectory_period=0.01),
-        "LIMIT_EXCEEDED",
-        "bytes",
-    ),
-    "negative time limit": wrong("max_computation_time", Duration(sec=-1), "INVALID_REQUEST"),
-    "unknown option": (with_option(("colour", "red")), "INVALID_OPTION", "colour"),
-    "option without a name": (
-        with_option(("", "x")),
-        "INVALID_OPTION",
-        "propagator_options[0].key must not be",
-    ),
-    "option called name": (with_option(("name", "x")), "INVALID_OPTION", "name"),
-    "samples twice": (
-        with_option(("samples", "5"), propagator="monte_carlo", samples=7),
-        "INVALID_OPTION",
-        "samples is given twice",
-    ),
-    "wrong option": (with_option(("points", "many")), "INVALID_OPTION", "points"),
-    "option twice": (
-        with_option(("points", "full"), ("points", "minimal")),
-        "INVALID_OPTION",
-        "propagator_options[1].key",
-    ),
-    "zero time step": wrong_physics("INVALID_HORIZON", dt=0.0),
-    "NaN time step": wrong_physics("NOT_FINITE", dt=NAN),
-    "NaN stiffness": wrong_physics("NOT_FINITE", stiffness=NAN),
-    "negative stiffness": wrong_physics("INVALID_OPTION", stiffness=-2.0),
-    "infinite gravity": wrong_physics("NOT_FINITE", gravity=(0.0, 0.0, INF)),
-    "negative damping": wrong_physics("INVALID_OPTION", damping=-1.0),
-    "unknown frame": wrong("scene.header.frame_id", "camera", "UNKNOWN_FRAME"),
-    "negative deviation of the mass": wrong("@.belief.mass_std", -0.1, "INVALID_COVARIANCE"),
-    "NaN deviation of the centre of mass": wrong("@.belief.center_of_mass_std.z", NAN, "NOT_FINITE"),
-    "negative shared error": (
-        changed("scene.common_pose_std", [0.0] * 5 + [-0.1]),
-        "INVALID_COVARIANCE",
-        "scene.common_pose_std[5]",
-    ),
-    "NaN shared error": wrong("scene.common_pose_std", [NAN] + [0.0] * 5, "NOT_FINITE"),
-    "NaN origin of a shared error": (
-        changed("scene.common_pose_origin.z", NAN),
-        "NOT_FINITE",
-        "scene.common_pose_origin",
-    ),
-    "at rest without gravity": (
-        with_physics(at_rest(speed=0.0), gravity=(0.0, 0.0, 0.0)),
-        "INVALID_OPTION",
-        "@.at_rest needs",
-    ),
-    "at rest and moving": (at_rest(), "INVALID_REQUEST", "@.twist.linear"),
-    "at rest and turning": (at_rest(speed=0.0, spin=0.1), "INVALID_REQUEST", "@.twist.angular"),
-    "at rest and fixed": (at_rest(fixed=True), "INVALID_REQUEST", "@.at_rest"),
-    "no way with overlap": wrong_physics("INVALID_OPTION", overlap="push"),
-    "overlap rejected by sigma points": (physics(overlap="reject"), "NOT_SUPPORTED", "overlap"),
-    "overlap projected with the explicit step": (
-        explicit(physics(overlap="project")),
-        "INVALID_OPTION",
-        "physics.overlap",
-    ),
-    "negative friction": (physics(friction=-0.5), "INVALID_OPTION", "physics.friction must not be"),
-    "restitution above 1": wrong_physics("INVALID_OPTION", restitution=1.5),
-    "no integrator": wrong_physics("INVALID_OPTION", integrator="magic"),
-    "an integrator that is no more": (physics(integrator="robust"), "INVALID_OPTION", "'implicit'"),
-    "friction with the explicit step": (
-        physics(integrator="explicit"),
+    # propagator
+    field("propagator", "crystal_ball", "UNKNOWN_PROPAGATOR"),
+    field("samples", 1_000_000, "LIMIT_EXCEEDED"),
+    field("return_samples", 4_000_000_000, "LIMIT_EXCEEDED"),
+    (many(100, return_samples=1000, trajectory_period=0.01), "LIMIT_EXCEEDED", "bytes"),
+    (WITHOUT_CORRELATIONS, "NOT_SUPPORTED", "return_joint_covariance"),
+    option(("samples", "1000000"), propagator="monte_carlo", code="LIMIT_EXCEEDED", named="samples"),
+    option(("samples", "5"), propagator="monte_carlo", samples=7, named="samples is given twice"),
+    option(("colour", "red"), named="colour"),
+    option(("", "x"), named="propagator_options[0].key must not be"),
+    option(("name", "x"), named="name"),
+    option(("points", "many"), named="points"),
+    option(("points", "full"), ("points", "minimal"), named="propagator_options[1].key"),
+    # physics
+    physics("INVALID_HORIZON", dt=0.0),
+    physics("NOT_FINITE", dt=NAN),
+    physics("LIMIT_EXCEEDED", "horizon", dt=1e-9),
+    physics("NOT_FINITE", stiffness=NAN),
+    physics("INVALID_OPTION", stiffness=-2.0),
+    physics("INVALID_OPTION", stiffness_std=1e3),  # beside a stiffness that is chosen
+    physics("NOT_FINITE", gravity=(0.0, 0.0, INF)),
+    physics("INVALID_OPTION", damping=-1.0),
+    physics("INVALID_OPTION", overlap="push"),
+    physics("NOT_SUPPORTED", "overlap", overlap="reject"),  # by sigma points
+    with_explicit_step(physics("INVALID_OPTION", overlap="project")),
+    physics("INVALID_OPTION", friction=-0.5),
+    physics("INVALID_OPTION", friction=0.0, friction_std=0.1),
+    physics("INVALID_OPTION", friction_std=0.9),
+    physics("INVALID_OPTION", restitution=1.5),
+    physics("INVALID_OPTION", preset="lunar"),
+    physics("INVALID_OPTION", integrator="magic"),
+    physics("INVALID_OPTION", "'implicit'", integrator="robust"),
+    physics(
         "INVALID_OPTION",
         "physics.friction needs 'integrator: implicit', which the preset 'everyday' has",
+        integrator="explicit",
     ),
-    "no preset": wrong_physics("INVALID_OPTION", preset="lunar"),
-    "uncertain friction without friction": (
-        physics(friction_std=0.1, friction=0.0),
-        "INVALID_OPTION",
-        "physics.friction_std",
-    ),
-    "friction more uncertain than it is": wrong_physics("INVALID_OPTION", friction_std=0.9),
-    "an uncertain stiffness that is chosen": wrong_physics("INVALID_OPTION", stiffness_std=1e3),
-    "negative friction of an object": (object_of(friction=-1.0), "INVALID_REQUEST", "@.material.friction"),
-    "NaN restitution of an object": (object_of(restitution=NAN), "NOT_FINITE", "@.material.restitution"),
-    "uncertain restitution of an object that has none": (
-        object_of(restitution_std=0.1),
-        "INVALID_REQUEST",
-        "@.material.restitution_std",
-    ),
-    "friction of an object with the explicit step": (
-        explicit(object_of(friction=0.3)),
-        "INVALID_OPTION",
-        "@.material.friction",
-    ),
-    "a material that is not in the table": (
-        object_of(name="woood"),
-        "INVALID_REQUEST",
-        "@.material.name must be one of aluminum, cardboard, concrete, glass, plastic, rubber, steel, wood",
-    ),
-    "an element's material that is not in the table": (
-        elements(with_material(floor(), name="Rubber")),
+    # materials
+    material("INVALID_REQUEST", "friction", friction=-1.0),
+    material("NOT_FINITE", "restitution", restitution=NAN),
+    material("INVALID_REQUEST", "restitution_std", restitution_std=0.1),  # without a restitution
+    material("INVALID_REQUEST", "name must be one of aluminum, cardboard, concrete, glass", name="woood"),
+    with_explicit_step(material("INVALID_OPTION", "friction", friction=0.3)),
+    with_explicit_step(material("INVALID_OPTION", "name needs 'integrator: implicit'", name="wood")),
+    element_material("INVALID_ENVIRONMENT", "restitution", restitution=2.0),
+    element_material("INVALID_ENVIRONMENT", "name must be one of aluminum", name="Rubber"),
+    with_explicit_step(element_material("INVALID_OPTION", "friction", friction=0.3)),
+    # environment and regions
+    element(floor([0.0, 0.0, 0.0, 1.0]), "INVALID_ENVIRONMENT", ".plane.coef"),
+    element(floor([0.0, 0.0, NAN, 1.0]), "NOT_FINITE", ".plane.coef"),
+    element(EnvironmentElement(), "INVALID_ENVIRONMENT", " must have exactly one of"),
+    element(
+        solid([1.0] * 3, plane=Plane(coef=[0.0, 0.0, 1.0, 2.0])),
         "INVALID_ENVIRONMENT",
-        "#.material.name must be one of aluminum",
+        " must have exactly one of",
     ),
-    "a material with the explicit step": (
-        explicit(object_of(name="wood")),
-        "INVALID_OPTION",
-        "@.material.name needs 'integrator: implicit'",
+    element(solid([1.0, 1.0, 0.0]), "INVALID_ENVIRONMENT", ".primitive.dimensions[2]"),
+    element(solid([1.0, 1.0]), "INVALID_ENVIRONMENT", ".primitive.dimensions"),
+    element(solid([1.0, INF, 1.0]), "NOT_FINITE", ".primitive.dimensions"),
+    element(
+        solid([1.0] * 3, pose=Pose(orientation=Quaternion(w=0.0))), "INVALID_ORIENTATION", ".pose.orientation"
     ),
-    "negative drag": wrong("@.drag", -0.1, "INVALID_REQUEST"),
-    "drag that is no number": wrong("@.drag", NAN, "NOT_FINITE"),
-    "drag of a fixed object": (fixed_with_drag(), "INVALID_REQUEST", "@.drag must be absent"),
-    "restitution of an element above 1": (
-        elements(with_material(floor(), restitution=2.0)),
-        "INVALID_ENVIRONMENT",
-        "#.material.restitution",
-    ),
-    "friction of an element with the explicit step": (
-        explicit(elements(with_material(floor(), friction=0.3))),
-        "INVALID_OPTION",
-        "#.material.friction",
-    ),
-    "no kind of object": wrong("@.kind", 9, "INVALID_REQUEST"),
-    "a model without mass": (massless(), "INVALID_MASS", "@.mass"),
-    "a whole covariance of another size": wrong(
-        "@.belief.covariance", packed(np.eye(6)), "INVALID_COVARIANCE"
-    ),
-    "a whole covariance that is none": wrong(
-        "@.belief.covariance", packed(-np.eye(12)), "INVALID_COVARIANCE"
-    ),
-    "a NaN in a whole covariance": wrong("@.belief.covariance", packed([NAN] * 144), "NOT_FINITE"),
-    "a joint covariance of a stranger": (
-        with_joint(["left", "right", "stranger"]),
-        "INVALID_COVARIANCE",
-        "scene.joint_covariance.object_ids[2]",
-    ),
-    "a joint covariance of one twice": (
-        with_joint(["left", "left"]),
-        "DUPLICATE_ID",
-        "scene.joint_covariance.object_ids[1]",
-    ),
-    "a joint covariance without an object": (
-        with_joint(["left"]),
-        "INVALID_COVARIANCE",
-        "scene.joint_covariance.object_ids must name 'right'",
-    ),
-    "a joint covariance of what is fixed": (
-        fixed_joint(),
-        "INVALID_COVARIANCE",
-        "scene.joint_covariance.object_ids[1]",
-    ),
-    "a joint covariance of another size": (
-        with_joint(["left", "right"], 12),
-        "INVALID_COVARIANCE",
-        "scene.joint_covariance.data",
-    ),
-    "plane without normal": (elements(floor([0.0, 0.0, 0.0, 1.0])), "INVALID_ENVIRONMENT", "#.plane.coef"),
-    "NaN plane": (elements(floor([0.0, 0.0, NAN, 1.0])), "NOT_FINITE", "#.plane.coef"),
-    "an element of no shape": (
-        elements(EnvironmentElement()),
-        "INVALID_ENVIRONMENT",
-        "# must have exactly one of",
-    ),
-    "an element of two shapes": (
-        elements(solid([1.0] * 3, plane=Plane(coef=[0.0, 0.0, 1.0, 2.0]))),
-        "INVALID_ENVIRONMENT",
-        "# must have exactly one of",
-    ),
-    "box of no height": (
-        elements(solid([1.0, 1.0, 0.0])),
-        "INVALID_ENVIRONMENT",
-        "#.primitive.dimensions[2]",
-    ),
-    "box of two lengths": (elements(solid([1.0, 1.0])), "INVALID_ENVIRONMENT", "#.primitive.dimensions"),
-    "infinite box": (elements(solid([1.0, INF, 1.0])), "NOT_FINITE", "#.primitive.dimensions"),
-    "box without orientation": (
-        elements(solid([1.0] * 3, pose=Pose(orientation=Quaternion(w=0.0)))),
-        "INVALID_ORIENTATION",
-        "#.pose.orientation",
-    ),
-    "sphere of three lengths": (
-        elements(solid([1.0] * 3, SPHERE)),
-        "INVALID_ENVIRONMENT",
-        "#.primitive.dimensions",
-    ),
-    "sphere of no radius": (
-        elements(solid([0.0], SPHERE)),
-        "INVALID_ENVIRONMENT",
-        "#.primitive.dimensions[0]",
-    ),
-    "cylinder of one length": (
-        elements(solid([1.0], CYLINDER)),
-        "INVALID_ENVIRONMENT",
-        "#.primitive.dimensions",
-    ),
-    "cylinder of negative radius": (
-        elements(solid([1.0, -0.5], CYLINDER)),
-        "INVALID_ENVIRONMENT",
-        "#.primitive.dimensions[1]",
-    ),
-    "infinite cylinder": (elements(solid([INF, 0.5], CYLINDER)), "NOT_FINITE", "#.primitive.dimensions"),
-    "primitive of no kind": (elements(solid([1.0] * 3, 77)), "INVALID_ENVIRONMENT", "#.primitive.type"),
-    "two elements of one id": (
-        elements(floor(id="element_1"), solid([1.0] * 3)),
-        "DUPLICATE_ID",
-        "scene.environment.elements[1].id",
-    ),
-    "too many elements": (
-        elements(*[solid([1.0] * 3)] * 201),
-        "LIMIT_EXCEEDED",
-        "scene.environment.elements",
-    ),
-    "a name of all": (elements(floor(id="environment")), "INVALID_REQUEST", "#.id is reserved"),
-    "a name of all for an object": (changed("@.id", "environment"), "INVALID_REQUEST", "@.id is reserved"),
-    "an object's name for an element": (elements(floor(id="left")), "DUPLICATE_ID", "#.id"),
-    "a region without name": (with_regions(""), "INVALID_ENVIRONMENT", "regions[0].id"),
-    "too many regions": (with_regions(*map(str, range(101))), "LIMIT_EXCEEDED", "regions"),
-    "two regions of one id": (with_regions("bin", "bin"), "DUPLICATE_ID", "regions[1].id"),
-    "joint covariance without correlations": (
-        explicit(good_request(propagator="surrogate", return_joint_covariance=True)),
-        "NOT_SUPPORTED",
-        "return_joint_covariance",
-    ),
-    "unreadable model": wrong("@.model", "text", "INVALID_MODEL"),
-    "inconsistent model": wrong("@.model", "contradiction", "INVALID_MODEL"),
-    "diverging": (explicit(with_physics(good_request(horizon=1.0), stiffness=1e300)), "DIVERGED", "diverged"),
-}
+    element(solid([1.0] * 3, SPHERE), "INVALID_ENVIRONMENT", ".primitive.dimensions"),
+    element(solid([0.0], SPHERE), "INVALID_ENVIRONMENT", ".primitive.dimensions[0]"),
+    element(solid([1.0], CYLINDER), "INVALID_ENVIRONMENT", ".primitive.dimensions"),
+    element(solid([1.0, -0.5], CYLINDER), "INVALID_ENVIRONMENT", ".primitive.dimensions[1]"),
+    element(solid([INF, 0.5], CYLINDER), "NOT_FINITE", ".primitive.dimensions"),
+    element(solid([1.0] * 3, 77), "INVALID_ENVIRONMENT", ".primitive.type"),
+    element(floor(id="environment"), "INVALID_REQUEST", ".id is reserved"),
+    element(floor(id="left"), "DUPLICATE_ID", ".id"),
+    (elements(floor(id="element_1"), solid([1.0] * 3)), "DUPLICATE_ID", "scene.environment.elements[1].id"),
+    (elements(*[solid([1.0] * 3)] * 201), "LIMIT_EXCEEDED", "scene.environment.elements"),
+    field("scene.header.frame_id", "camera", "UNKNOWN_FRAME"),
+    regions("", code="INVALID_ENVIRONMENT", named="regions[0].id"),
+    regions(*map(str, range(101)), code="LIMIT_EXCEEDED", named="regions"),
+    regions("bin", "bin", code="DUPLICATE_ID", named="regions[1].id"),
+    # what shows while it is computed
+    (explicit(with_physics(good_request(horizon=1.0), stiffness=1e300)), "DIVERGED", "diverged"),
+]
+IDS = [f"{code}-{named}" for _, code, named in BAD]
 
 
 @pytest.fixture(scope="module")
 def models_dir(tmp_path_factory):
-    """The shipped models, and two files that are none."""
+    """The shipped models, and three files that are none, or have no mass."""
     folder = tmp_path_factory.mktemp("models")
     for name in ("bunny", "armadillo"):
         shutil.copy(find_model(name), folder)
@@ -467,10 +310,13 @@ def models_dir(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def library(models_dir):
+    return ModelLibrary(models_dir)
+
+
+@pytest.fixture(scope="module")
 def node(models_dir):
-    with NodeProcess(
-        "-p", "zero_covariance:=exact", "-p", f"models_dir:={models_dir}", name="strict"
-    ) as process:
+    with NodeProcess(zero_covariance="exact", models_dir=models_dir, name="strict") as process:
         yield process
 
 
@@ -486,15 +332,24 @@ def answer_before(predict):
     return response
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_a_bad_request_gets_its_code_and_the_next_good_one_its_answer(predict, answer_before, case):
-    request, code, named = BAD[case]
+def assert_refused(response, code, named):
     named = named.replace("@", "scene.objects[1]").replace("#", "scene.environment.elements[0]")
-    response = predict(request)
     result = response.result
     assert (ErrorCode(result.error_code).name, named in result.error_msg) == (code, True), result.error_msg
     assert not response.prediction.objects
     assert "\n" not in result.error_msg
+
+
+@pytest.mark.parametrize(("request_", "code", "named"), BAD, ids=IDS)
+def test_a_bad_request_gets_its_code_and_field(library, request_, code, named):
+    assert_refused(answer_to(request_, SETTINGS, library), code, named)
+
+
+@pytest.mark.parametrize(("request_", "code", "named"), BAD[::15], ids=IDS[::15])
+def test_the_node_answers_so_and_the_next_good_request_as_before(
+    predict, answer_before, request_, code, named
+):
+    assert_refused(predict(request_), code, named)
     assert_same(predict(good_request(seed=1)), answer_before)
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from geometry_msgs.msg import Vector3, Wrench
-from scenes import explicit, good_request, moving_object, numbers_of, request_of, with_physics
+from scenes import good_request, moving_object, numbers_of, request_of, with_physics
 from shape_msgs.msg import Plane as PlaneMessage
 from shape_msgs.msg import SolidPrimitive
 
@@ -44,48 +44,13 @@ from unc_physics_msgs.msg import (
     Candidate,
     EnvironmentElement,
     ObjectState,
-    PredictedObject,
     Score,
 )
 from unc_physics_msgs.srv import PredictCandidates
 
-HEIGHTS = (0.0, 0.05, 0.1)
-
-
-def alone():
-    """A request whose answer does not depend on how its steps are grouped, not even by round-off."""
-    return explicit(good_request(seed=3, propagator="sigma_points", horizon=0.8))
-
-
-def request_with(candidates, **others):
-    request = alone()
-    for name, value in others.items():
-        setattr(request, name, value)
-    return PredictCandidates.Request(request=request, candidates=candidates)
-
-
-def candidate(name, height):
-    return Candidate(id=name, objects=[moving_object("left", position=(-0.2, 0.0, height))])
-
 
 def ask(client, request):
     return client.call(PredictCandidates, "/unc_physics/predict_candidates", request)
-
-
-def test_each_candidate_gets_the_prediction_of_its_own_scene(node, client):
-    response = ask(client, request_with([candidate(f"{h}", h) for h in HEIGHTS]))
-    assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
-    assert [entry.candidate for entry in response.predictions] == [f"{h}" for h in HEIGHTS]
-    assert response.seed == 3 and seconds(response.computation_time) > 0.0
-    for entry, height in zip(response.predictions, HEIGHTS, strict=True):
-        single = alone()
-        single.scene.objects[0] = moving_object("left", position=(-0.2, 0.0, height))
-        expected = client.predict(single)
-        assert entry.result.error_code == ErrorCode.NONE
-        assert not entry.score.available and entry.difference_std == 0.0
-        for got, want in zip(entry.prediction.objects, expected.prediction.objects, strict=True):
-            assert np.allclose(numbers_of(got.states[-1]), numbers_of(want.states[-1]), rtol=0.0, atol=1e-9)
-            assert got.status == want.status != PredictedObject.STATUS_NOT_ASSESSED
 
 
 def held_until(seconds, holder="right"):
@@ -121,26 +86,20 @@ def test_actions_of_a_candidate_replace_those_on_the_same_object(node, client):
     assert ends[0].y > 1e-3 > abs(ends[1].y) and ends[2].x > ends[1].x + 0.01
 
 
-def test_a_bad_candidate_leaves_the_others_intact(node, client):
-    bad = candidate("bad", 0.1)
-    bad.objects[0].mass = -1.0
-    response = ask(client, request_with([candidate("good", 0.0), bad]))
-    assert response.result.error_code == ErrorCode.NONE
-    good, bad = response.predictions
-    assert good.result.error_code == ErrorCode.NONE and good.prediction.objects
-    assert bad.result.error_code == ErrorCode.INVALID_MASS and not bad.prediction.objects
-    assert "candidates[1].objects[0].mass" in bad.result.error_msg
-
-
-@pytest.mark.parametrize("scores", [(), ("above",)])
-def test_a_candidate_about_an_unknown_object_fails_alone(node, client, scores):
-    candidates = [over("near", 0.0), Candidate(id="typo", objects=[moving_object("bx", "salt_box")])]
-    response = ask(client, ranked([ABOVE for _ in scores], candidates))
+@pytest.mark.parametrize("scores", [0, 1])
+def test_bad_candidates_leave_the_others_intact(node, client, scores):
+    heavy = over("heavy", 0.1)
+    heavy.objects[0].mass = -1.0
+    typo = Candidate(id="typo", objects=[moving_object("bx", "salt_box")])
+    response = ask(client, ranked([ABOVE] * scores, [over("good", 0.0), heavy, typo]))
     assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
-    near, typo = response.predictions
-    assert near.result.error_code == ErrorCode.NONE and near.prediction.objects
+    good, heavy, typo = response.predictions
+    assert good.result.error_code == ErrorCode.NONE and good.prediction.objects
+    assert good.score.available == bool(scores)
+    assert (heavy.candidate, heavy.result.error_code) == ("heavy", ErrorCode.INVALID_MASS)
+    assert "candidates[1].objects[0].mass" in heavy.result.error_msg and not heavy.prediction.objects
     assert (typo.candidate, typo.result.error_code) == ("typo", ErrorCode.INVALID_REQUEST)
-    assert typo.result.error_msg.startswith("candidates[1].objects[0].id is no object of the scene; did you")
+    assert typo.result.error_msg.startswith("candidates[2].objects[0].id is no object of the scene; did you")
 
 
 def test_a_ranking_that_is_ended_holds_what_was_ranked(monkeypatch):
@@ -187,35 +146,14 @@ def test_a_ranking_that_is_ended_holds_what_was_ranked(monkeypatch):
     assert [action.name for action in ranking] == ["over", "beside"] and ranking["over"].score.estimate > 0.9
 
 
-def test_bad_requests(node, client):
-    for request, code in (
-        (request_with([]), ErrorCode.INVALID_REQUEST),
-        (request_with([candidate("same", 0.0), candidate("same", 0.1)]), ErrorCode.DUPLICATE_ID),
-        (request_with([candidate(str(k), 0.0) for k in range(101)]), ErrorCode.LIMIT_EXCEEDED),
-        (request_with([candidate("a", 0.0)], propagator="none"), ErrorCode.UNKNOWN_PROPAGATOR),
-    ):
-        response = ask(client, request)
-        assert response.result.error_code == code, response.result.error_msg
-        assert not response.predictions
+def over(name, x):
+    return Candidate(id=name, objects=[moving_object("box", "salt_box", (x, 0.0, 0.15), (0.0, 0.0, 0.0))])
 
 
-def test_the_computation_time_runs_out(node, client):
-    request = request_with(
-        [candidate(str(k), 0.0) for k in range(5)],
-        propagator="monte_carlo",
-        samples=20_000,
-        max_computation_time=duration(0.5),
-        horizon=duration(50.0),
-    )
-    response = ask(client, request)
-    assert response.result.error_code == ErrorCode.TIMEOUT
-    assert len(response.predictions) == 5
-    assert seconds(response.computation_time) < 5.0
-    assert {entry.result.error_code for entry in response.predictions} == {ErrorCode.TIMEOUT}
-    assert all(0.0 <= seconds(entry.prediction.time_reached) < 50.0 for entry in response.predictions)
+OVER = [over("beside", 0.4), over("over", 0.0), over("edge", 0.18)]
 
 
-def ranked(scores, candidates=None, **others):
+def ranked(scores, candidates=OVER, **others):
     """A request to rank boxes that are let go over a shelf and beside it."""
     request = request_of(
         moving_object("box", "salt_box", (0.0, 0.0, 0.15), (0.0, 0.0, 0.0)), horizon=0.5, samples=100, seed=3
@@ -231,15 +169,10 @@ def ranked(scores, candidates=None, **others):
     for name, value in others.items():
         setattr(request, name, value)
     return PredictCandidates.Request(
-        request=with_physics(request, gravity=None), candidates=candidates or OVER, score=scores
+        request=with_physics(request, gravity=None), candidates=candidates, score=scores
     )
 
 
-def over(name, x):
-    return Candidate(id=name, objects=[moving_object("box", "salt_box", (x, 0.0, 0.15), (0.0, 0.0, 0.0))])
-
-
-OVER = [over("beside", 0.4), over("over", 0.0), over("edge", 0.18)]
 ABOVE = Score(quantity=Score.IN_REGION, object="box", other="above")
 
 
@@ -283,51 +216,61 @@ def test_scores_count_together(node, client):
     assert together[0].score.probability > 0.9 and alone[0].score.probability < 0.1
 
 
+def alike(*names):
+    """A request without scores, of candidates that differ in their ids alone."""
+    return ranked([], [over(name, 0.0) for name in names])
+
+
+def badly_ranked(*scores, **others):
+    return ranked(scores, **others)
+
+
 @pytest.mark.parametrize(
-    ("change", "code", "words"),
+    ("request_", "code", "words"),
     [
-        ({"scores": [Score(quantity=9, object="box")]}, "INVALID_REQUEST", "score[0].quantity is no kind"),
+        (alike(), "INVALID_REQUEST", "candidates"),
+        (alike("same", "same"), "DUPLICATE_ID", "candidates[1].id"),
+        (alike(*map(str, range(101))), "LIMIT_EXCEEDED", "candidates"),
+        (badly_ranked(propagator="none"), "UNKNOWN_PROPAGATOR", "propagator"),
+        (badly_ranked(Score(quantity=9, object="box")), "INVALID_REQUEST", "score[0].quantity is no kind"),
+        (badly_ranked(ABOVE, Score(object="box", other="bin")), "INVALID_REQUEST", "score[1].other is no"),
+        (badly_ranked(Score(quantity=3, object="cup")), "INVALID_REQUEST", "score[0].object is no body"),
         (
-            {"scores": [ABOVE, Score(object="box", other="bin")]},
-            "INVALID_REQUEST",
-            "score[1].other is no region",
-        ),
-        ({"scores": [Score(quantity=3, object="cup")]}, "INVALID_REQUEST", "score[0].object is no body"),
-        (
-            {"scores": [Score(quantity=3, object="box", other="x")]},
+            badly_ranked(Score(quantity=3, object="box", other="x")),
             "INVALID_REQUEST",
             "score[0].other must be empty",
         ),
         (
-            {"scores": [Score(quantity=4, object="box", other="x")]},
+            badly_ranked(Score(quantity=4, object="box", other="x")),
             "INVALID_REQUEST",
             "score[0].other is neither",
         ),
-        (
-            {"scores": [ABOVE], "propagator": "cloud"},
-            "NOT_SUPPORTED",
-            "propagator must be monte_carlo or empty",
-        ),
-        (
-            {"scores": [ABOVE], "wanted_position_error": 0.1},
-            "NOT_SUPPORTED",
-            "wanted_position_error is not for",
-        ),
+        (badly_ranked(ABOVE, propagator="cloud"), "NOT_SUPPORTED", "propagator must be monte_carlo or empty"),
+        (badly_ranked(ABOVE, wanted_position_error=0.1), "NOT_SUPPORTED", "wanted_position_error is not for"),
     ],
 )
-def test_bad_scores(node, client, change, code, words):
-    response = ask(client, ranked(**change))
+def test_bad_requests(node, client, request_, code, words):
+    response = ask(client, request_)
     assert response.result.error_code == ErrorCode[code], response.result.error_msg
     assert words in response.result.error_msg and not response.predictions
 
 
-def test_the_time_of_a_ranking_runs_out(node, client):
-    request = ranked([ABOVE], samples=20_000, max_computation_time=duration(0.3), horizon=duration(50.0))
+def endless(scores):
+    """A request without end, with a limit of its computation time."""
+    request = ranked(scores, samples=20_000, max_computation_time=duration(0.3), horizon=duration(50.0))
+    request.request.propagator = "monte_carlo"
     with_physics(request.request, sleep=False)
-    response = ask(client, request)
+    return request
+
+
+@pytest.mark.parametrize("scores", [0, 1])
+def test_the_computation_time_runs_out(node, client, scores):
+    response = ask(client, endless([ABOVE] * scores))
     assert response.result.error_code == ErrorCode.TIMEOUT
-    assert {entry.result.error_code for entry in response.predictions} == {ErrorCode.TIMEOUT}
     assert seconds(response.computation_time) < 5.0
+    assert len(response.predictions) == len(OVER)
+    assert {entry.result.error_code for entry in response.predictions} == {ErrorCode.TIMEOUT}
+    assert all(0.0 <= seconds(entry.prediction.time_reached) < 50.0 for entry in response.predictions)
 
 
 def test_a_client_ranks_as_the_library_does(node):

@@ -387,10 +387,6 @@ def test_arguments_are_checked_before_anything_is_sent(asked, space, table):
         asked.predict(table[0], space[1], "sigma_points", 0.1)
 
 
-def test_capabilities(asked):
-    assert {info.name for info in asked.capabilities().propagators} >= set(PROPAGATORS)
-
-
 def test_a_node_that_does_not_answer_is_named(space):
     with Client(server="/nobody", timeout=0.2) as client:
         with pytest.raises(NotActiveError, match="/nobody/list_models is not offered.*start one"):

@@ -20,7 +20,6 @@ from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
-from unc_physics.checks.errors import ErrorCode, NotSupportedError
 from unc_physics.ros.markers import markers
 from unc_physics.ros.messages.environment import read_environment
 from unc_physics.ros.messages.fields import seconds
@@ -113,98 +112,6 @@ def test_probabilities_of_contact_region_and_rest(predict):
         assert predicted.fell_off.available
 
 
-def test_what_is_not_known_well_has_a_wide_interval(predict):
-    region = BoxRegion(id="bin")
-    region.size.x = region.size.y = region.size.z = 1.0
-    few = request_with(
-        floor_as("plane"),
-        falling_brick(),
-        propagator="monte_carlo",
-        samples=10,
-        regions=[region],
-        return_probabilities=True,
-    )
-    response = predict(few)
-    assert_answered(response)
-    prediction = response.prediction
-    assert prediction.contact_probabilities and prediction.region_probabilities
-    for answer in (*prediction.contact_probabilities, *prediction.region_probabilities):
-        assert_wide(answer.probability)
-    assert_wide(prediction.objects[0].at_rest)
-
-
-def assert_wide(found):
-    """Of ten rollouts."""
-    assert found.available and 0.0 <= found.low <= found.probability <= found.high <= 1.0
-    assert found.high - found.low > 0.4
-
-
-def test_flights_tell_the_contacts_of_a_propagator_without_samples(predict):
-    request = request_with(
-        floor_as("plane"),
-        falling_brick("near"),
-        falling_brick("far", x=1.0),
-        propagator="surrogate",
-        return_probabilities=True,
-    )
-    response = predict(request)
-    assert_answered(response)
-    contacts = {
-        (answer.object_a, answer.object_b): answer for answer in response.prediction.contact_probabilities
-    }
-    assert contacts["near", "floor"].probability.probability == 1.0
-    assert 0.0 < seconds(contacts["near", "floor"].first_contact_time_mean) < 0.3
-    found = response.prediction.objects[0].at_rest  # decided after the first contact
-    assert (found.low, found.probability, found.high) == (0.0, 0.5, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("friction", 0.9),
-        ("restitution", 0.8),
-        ("gyroscopic", False),
-        ("stiffness", 3e8),
-        ("friction", 0.0),
-        ("dt", 0.002),
-        ("damping", 1.0),
-        ("gravity", (0.0, 1.0, -9.0)),
-    ],
-)
-def test_each_law_changes_the_prediction(predict, key, value):
-    thrown = falling_brick()
-    thrown.twist.linear.x, thrown.twist.angular.y, thrown.twist.angular.z = 0.5, 3.0, 2.0
-    request = request_with(floor_as("plane"), thrown, propagator="sigma_points")
-    other = request_with(floor_as("plane"), thrown, propagator="sigma_points", physics={key: value})
-    first, again, changed = predict(request), predict(request), predict(other)
-    for response in (first, again, changed):
-        assert_answered(response)
-    assert np.array_equal(pose_numbers(first), pose_numbers(again))
-    assert not np.array_equal(pose_numbers(first), pose_numbers(changed))
-
-
-def pose_numbers(response):
-    pose = response.prediction.objects[0].states[-1].pose.pose
-    return [pose.position.x, pose.position.y, pose.position.z, pose.orientation.x, pose.orientation.w]
-
-
-def test_uncertain_friction_and_mass_widen_the_prediction(predict):
-    sliding = falling_brick(height=0.06)
-    sliding.belief.pose_covariance = diagonal(*[1e-4] * 6)
-    sliding.twist.linear.x = 1.0
-    exact = predict(request_with(floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES))
-    request = request_with(
-        floor_as("plane"), sliding, propagator="monte_carlo", samples=SAMPLES, physics={"friction_std": 0.2}
-    )
-    uncertain = predict(request)
-    for response in (exact, uncertain):
-        assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
-    variances = [
-        response.prediction.objects[0].states[-1].pose.covariance[0] for response in (exact, uncertain)
-    ]
-    assert variances[1] > 2.0 * variances[0]
-
-
 def solids_of(*elements):
     """Markers of elements of the environment."""
     job = SimpleNamespace(scene=SimpleNamespace(bodies=(), environment=elements))
@@ -254,11 +161,6 @@ def test_round_markers_are_where_the_solids_are():
     for marker, z in zip(ends, (-1.0, 1.0), strict=True):
         assert (marker.type, marker.scale.x) == (Marker.SPHERE, 0.2)
         assert np.allclose(position_of(marker.pose), position + turn.apply([0.0, 0.0, z]))
-
-
-def test_an_element_that_has_no_marker_is_refused():
-    with pytest.raises(NotSupportedError):
-        solids_of(SimpleNamespace(name="cone", shape="cone"))
 
 
 def test_markers_of_planes_and_boxes():

@@ -1,6 +1,5 @@
 """Files that users start from: parameters, documents, launch files, examples."""
 
-import importlib.util
 import re
 import signal
 import subprocess
@@ -10,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from launching import prefix_with_the_package
 from message_fields import element_type, message_type
 from running import Inbox, NodeProcess
 from scenes import assert_answered
 
+from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.parameters import parameter_file
 from unc_physics_msgs import srv
 from unc_physics_msgs.msg import Prediction
@@ -38,16 +37,6 @@ def test_rviz_shows_covariances_in_the_fixed_frame():
     displays = {display["Class"]: display for display in content["Visualization Manager"]["Displays"]}
     covariance = displays["rviz_default_plugins/PoseWithCovariance"]["Covariance"]
     assert covariance["Orientation"]["Frame"] == "Fixed"
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "launch").glob("*.py")), ids=lambda path: path.name)
-def test_a_launch_file_loads(path, tmp_path, monkeypatch):
-    pytest.importorskip("launch_ros", reason="needs launch and launch_ros, which are not on PyPI")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", prefix_with_the_package(tmp_path)["AMENT_PREFIX_PATH"])
-    spec = importlib.util.spec_from_file_location("launched", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.generate_launch_description().entities
 
 
 def calls(document):
@@ -77,9 +66,12 @@ def fill(message, content):
 def test_the_calls_of_the_documents_are_answered(node, client, document):
     (found,) = calls(document)
     kind = getattr(srv, found[0])
-    request = kind.Request()
-    fill(request, yaml.safe_load(found[1]))
-    assert_answered(client.call(kind, "/unc_physics/predict", request))
+    sent = kind.Request()
+    fill(sent, yaml.safe_load(found[1]))
+    answer = client.call(kind, "/unc_physics/predict", sent)
+    assert_answered(answer)
+    assert [own.id for own in answer.prediction.objects] == [own.id for own in sent.request.scene.objects]
+    assert seconds(answer.prediction.time_reached) == pytest.approx(seconds(sent.request.horizon))
 
 
 def output_of(example):

@@ -14,8 +14,8 @@ from unc_physics_msgs.srv import Predict, Reset
 class LifecycleProcess(NodeProcess):
     """Ready as soon as its state can be asked for."""
 
-    def __init__(self, *ros_arguments):
-        super().__init__(*ros_arguments, module="unc_physics.ros.lifecycle_node", name="cycle")
+    def __init__(self, **parameters):
+        super().__init__(module="unc_physics.ros.lifecycle_node", name="cycle", **parameters)
 
     def _read(self):
         self._ready.set()
@@ -30,8 +30,7 @@ def test_the_node_goes_through_its_life(client):
     def state():
         return client.call(GetState, "/cycle/get_state", GetState.Request()).current_state.id
 
-    tracks = ("track:=true", "observed_objects:=[can]", "observed_models:=[can]")
-    with LifecycleProcess(*(part for option in tracks for part in ("-p", option))) as process:
+    with LifecycleProcess(track=True, observed_objects=["can"], observed_models=["can"]) as process:
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE

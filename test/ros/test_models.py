@@ -25,8 +25,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 def node(tmp_path_factory):
     folder = tmp_path_factory.mktemp("models")
     shutil.copy(find_model("bunny"), folder)
-    options = ("-p", f"models_dir:={folder}", "-p", "allow_model_paths:=true")
-    with NodeProcess(*options, name="models") as process:
+    with NodeProcess(models_dir=folder, allow_model_paths=True, name="models") as process:
         yield process
 
 

@@ -32,14 +32,14 @@ ON_TABLE = 0.002  # m, height of a detected can that stands on the table
 
 @pytest.fixture(scope="module")
 def placed():
-    arguments = [
-        f"tracked_topics:={TOPICS}".replace("'", '"'),
-        'tracked_models:=["can", "can"]',
-        "max_input_age:=0.0",
-        "stream_max_computation_time:=30.0",
-        "horizons:=[0.5, 20.0]",  # no prediction is late, however slow the machine
-    ]
-    with NodeProcess(*[part for one in arguments for part in ("-p", one)], name=NODE) as process:
+    parameters = {
+        "tracked_topics": TOPICS,
+        "tracked_models": ["can", "can"],
+        "max_input_age": 0.0,
+        "stream_max_computation_time": 30.0,
+        "horizons": [0.5, 20.0],  # no prediction is late, however slow the machine
+    }
+    with NodeProcess(name=NODE, **parameters) as process:
         yield process
 
 

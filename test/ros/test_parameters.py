@@ -11,7 +11,7 @@ from unc_physics.ros.parameters import Settings
 
 @pytest.fixture(scope="module")
 def node():
-    with NodeProcess("-p", "zero_covariance:=exact", name="parameters") as process:
+    with NodeProcess(zero_covariance="exact", name="parameters") as process:
         yield process
 
 

@@ -16,9 +16,7 @@ def node(tmp_path_factory):
     install(folder, "antithetic_propagator", "antithetic")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", environment(folder)["PYTHONPATH"])
-        with NodeProcess(
-            "-p", "zero_covariance:=exact", "-p", "warm_up:=[antithetic]", name="extended"
-        ) as process:
+        with NodeProcess(zero_covariance="exact", warm_up=["antithetic"], name="extended") as process:
             yield process
 
 

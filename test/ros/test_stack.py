@@ -19,14 +19,13 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
-from running import READY_TIMEOUT, Client, Inbox, NodeProcess, result_of, wait_until
+from running import READY_TIMEOUT, Client, Inbox, NodeProcess, node_in_this_process, result_of, wait_until
 from scenes import assert_answered, good_request, moving_object, position_of, request_of, with_physics
 from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.dynamics import rollout
 from unc_physics.ros import UncPhysicsNode, server
-from unc_physics.ros.connection import spin
 from unc_physics_msgs.msg import Prediction, Scene
 from unc_physics_msgs.srv import Predict
 
@@ -51,26 +50,19 @@ def test_no_variance_is_negative(predict):
 @pytest.fixture
 def robot():
     """The node and a service of somebody else in one executor of this process, in a robot's namespace."""
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    start = [Parameter("warm_up", value=[""]), Parameter("zero_covariance", value="exact")]
-    node = UncPhysicsNode(
-        namespace="robot_1", context=context, parameter_overrides=start, use_global_arguments=False
-    )
-    other = rclpy.create_node("other", context=context)
-    other.create_service(Empty, "/other/call", lambda _, response: response)
-    executor = MultiThreadedExecutor(2, context=context)
-    executor.add_node(node)
-    executor.add_node(other)
 
-    thread = threading.Thread(target=spin, args=[executor], daemon=True)
-    thread.start()
-    wait_until(lambda: node.server.is_open and node.server.deferred_answers.supported)
-    yield node
-    node.destroy_node()
-    executor.shutdown()
-    context.try_shutdown()
-    thread.join(5.0)
+    def other(context):
+        made = rclpy.create_node("other", context=context)
+        made.create_service(Empty, "/other/call", lambda _, response: response)
+        return made
+
+    options = {"namespace": "robot_1", "warm_up": [""], "zero_covariance": "exact"}
+    with node_in_this_process(executor=two_threads, others=[other], **options) as node:
+        yield node
+
+
+def two_threads(context):
+    return MultiThreadedExecutor(2, context=context)
 
 
 def test_in_the_executor_of_others(robot, client):
@@ -203,10 +195,7 @@ def test_simulated_time(robot, client):
 
 def test_a_scene_ahead_of_its_transform_waits_and_holds_up_nobody():
     tf2_ros = pytest.importorskip("tf2_ros", reason="needs tf2_ros, which is not on PyPI")
-    with (
-        NodeProcess("-p", "transform_timeout:=3.0", "-p", "zero_covariance:=exact", name="seeing") as _,
-        Client() as client,
-    ):
+    with NodeProcess(transform_timeout=3.0, zero_covariance="exact", name="seeing"), Client() as client:
         broadcaster = tf2_ros.TransformBroadcaster(client.node)
         wait_until(lambda: broadcaster.pub_tf.get_subscription_count() == 1)
 

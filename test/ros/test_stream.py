@@ -53,10 +53,7 @@ def node():
         "markers": ["initial", "predicted", "ellipsoid", "rotation"],
         "default_linear_velocity_std": 0.5,
     }
-    arguments = [
-        part for name, value in parameters.items() for part in ("-p", f"{name}:={value}".replace("'", '"'))
-    ]
-    with NodeProcess(*arguments, name="stream") as process:
+    with NodeProcess(name="stream", **parameters) as process:
         yield process
 
 
@@ -120,48 +117,23 @@ def test_the_same_scene_has_the_same_prediction(publish, listener):
             assert np.array_equal(*map(numbers_of, states))
 
 
-def test_an_error_that_a_scene_s_objects_share(publish, listener):
-    sent = scene(listener)
-    sent.common_pose_std[1] = 0.1
-    for predicted in answer_to(sent, publish, listener).objects:
-        assert predicted.start.covariance[7] == pytest.approx(POSITION_STD**2 + 0.1**2, rel=0.05)
-
-
-def test_what_touches_is_fine_by_default(publish, listener):
-    sent = scene(listener)
-    for message, x in zip(sent.objects, (-0.11, 0.11), strict=True):
-        message.pose.position.x = x
-    for predicted in answer_to(sent, publish, listener).objects:
-        assert abs(predicted.states[-1].twist.twist.linear.x) < 0.45  # it has bounced
-        # between outcomes that bounced and outcomes that have not yet, the mean may lie inside the other body
-        others = predicted.states[-1].status & ~PredictedObject.STATUS_MEAN_NOT_POSSIBLE
-        assert others == PredictedObject.STATUS_FINE, predicted.status_msg
-
-
 def test_one_bad_object_is_left_out_alone(publish, listener):
     sent = scene(listener)
-    bad = [moving_object(name, position=(2.0 * k + 5.0, 0.0, 0.0)) for k, name in enumerate("abcd")]
+    bad = [moving_object(name, position=(2.0 * k + 5.0, 0.0, 0.0)) for k, name in enumerate("abcde")]
     bad[0].pose.position.x = float("nan")
     bad[1].pose.orientation.w = 0.0
     bad[2].belief.pose_covariance[0] = -3.0
-    bad[3].id = "right"
-    sent.objects = [*bad[:3], *sent.objects, bad[3]]
+    bad[3].model = "teapot"
+    bad[4].id = "right"
+    sent.objects = [*bad[:4], *sent.objects, bad[4]]
     message = answer_to(sent, publish, listener)
     assert [predicted.id for predicted in message.objects] == ["left/1", "right"]
     reasons = {pair.key: pair.value for pair in message.skipped}
     assert reasons["a"] == "scene.objects[0].pose.position must be finite (got nan)"
     assert reasons["b"].startswith("scene.objects[1].pose.orientation must have unit length, not 0")
     assert reasons["c"].startswith("scene.objects[2].belief.pose_covariance")
-    assert reasons["right"] == "scene.objects[5].id is the id of two objects (got 'right')"
-
-
-def test_an_object_of_unknown_model_is_left_out(publish, listener):
-    sent = scene(listener)
-    sent.objects[1].model = "teapot"
-    message = answer_to(sent, publish, listener)
-    assert [predicted.id for predicted in message.objects] == ["left/1"]
-    (skipped,) = message.skipped
-    assert skipped.key == "right" and "teapot" in skipped.value
+    assert reasons["d"].startswith("scene.objects[3].model") and "teapot" in reasons["d"]
+    assert reasons["right"] == "scene.objects[6].id is the id of two objects (got 'right')"
 
 
 def test_a_pose_of_one_object_at_one_horizon(publish, listener):
@@ -338,8 +310,8 @@ def test_what_holds_no_valid_object_is_answered_by_an_empty_prediction(publish, 
 
 def test_quality_of_service_can_be_overridden(listener):
     topic = "/quality/predictions"
-    override = f"qos_overrides.{topic}.publisher.reliability:=best_effort"
-    with NodeProcess("-p", override, "-p", "warm_up:=['']", name="quality") as process:
+    options = {f"qos_overrides.{topic}.publisher.reliability": "best_effort", "warm_up": [""]}
+    with NodeProcess(name="quality", **options) as process:
         wait_until(lambda: listener.node.get_publishers_info_by_topic(topic))
         (info,) = listener.node.get_publishers_info_by_topic(topic)
         assert info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
@@ -358,9 +330,8 @@ def test_transforms_of_predicted_poses():
 
 def test_predicted_poses_are_on_tf(listener):
     messages = pytest.importorskip("tf2_msgs.msg", reason="needs tf2_msgs, which is not on PyPI")
-    parameters = ("horizons:=[0.5]", "pose_horizon:=0.5", "publish_tf:=true", "warm_up:=[cloud]")
-    options = [part for parameter in parameters for part in ("-p", parameter)]
-    with NodeProcess(*options, name="on_tf"), Inbox(listener, messages.TFMessage, "/tf") as inbox:
+    options = {"horizons": [0.5], "pose_horizon": 0.5, "publish_tf": True, "warm_up": ["cloud"]}
+    with NodeProcess(name="on_tf", **options), Inbox(listener, messages.TFMessage, "/tf") as inbox:
         sent = scene(listener)
         publisher = listener.node.create_publisher(Scene, "/on_tf/scene", qos_profile_sensor_data)
         wait_until(lambda: publisher.get_subscription_count() > 0)

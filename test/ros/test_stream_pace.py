@@ -7,19 +7,16 @@ import types
 import typing
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
-from running import Inbox, wait_until
+from running import Inbox, node_in_this_process, wait_until
 from scenes import moving_object, position_of
 
 from unc_physics import make_propagator
-from unc_physics.ros import UncPhysicsNode, streams
-from unc_physics.ros.connection import spin
+from unc_physics.ros import streams
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.streams import Pace
 from unc_physics_msgs.msg import Prediction, Scene
@@ -94,8 +91,6 @@ def hurried(monkeypatch):
     module.Buffer, module.TransformListener = Tf2.Buffer, Tf2.TransformListener
     module.__spec__ = types.SimpleNamespace()
     monkeypatch.setitem(sys.modules, "tf2_ros", module)
-    context = rclpy.Context()
-    rclpy.init(context=context)
     values = {
         "warm_up": ["cloud"],
         "zero_covariance": "exact",
@@ -105,18 +100,8 @@ def hurried(monkeypatch):
         "transform_timeout": 5.0,
         "service_introspection": "disabled",
     }
-    start = [Parameter(name, value=value) for name, value in values.items()]
-    node = UncPhysicsNode(NODE, context=context, parameter_overrides=start, use_global_arguments=False)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    thread = threading.Thread(target=spin, args=[executor], daemon=True)
-    thread.start()
-    wait_until(lambda: node.server.is_open, 600.0)
-    yield node
-    node.destroy_node()
-    executor.shutdown()
-    context.try_shutdown()
-    thread.join(5.0)
+    with node_in_this_process(NODE, **values) as node:
+        yield node
 
 
 @pytest.fixture
