@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,6 +60,9 @@ class Auto(Cloud, Anytime):
     def init(self, scene, belief):
         first = self.first or (FEWEST_RUNS if self.time > 0.0 else FIRST_RUNS)
         return self.init_rollouts(scene, belief, 0, min(max(first, FEWEST_RUNS), self.runs))
+
+    def within(self, time):
+        return replace(self, time=time, first=FIRST_RUNS)
 
     def additional_rollouts(self, carry, scene, spent):
         count, began = len(carry.states), clock()

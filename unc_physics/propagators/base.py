@@ -228,6 +228,10 @@ class Anytime(Rollouts):
     def additional_rollouts(self, carry: Any, scene: Scene, spent: Spent) -> int:
         """Return the number of rollouts to add; 0 ends the prediction."""
 
+    def within(self, time: float) -> Anytime:
+        """Return this propagator so that after a wall time [s] it adds no rollouts to its first ones."""
+        return self
+
     def looks_far(self, carry: Any, scene: Scene) -> bool:
         """Return whether rare outcomes are to be looked for before the prediction ends (`Spent.rare`)."""
         return False

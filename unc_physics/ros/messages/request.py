@@ -31,7 +31,6 @@ from ...prediction.predict import predict
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
 from ...prediction.request_checks import check_supported, marks_of, periodic_times
-from ...propagators.auto import FIRST_RUNS, Auto
 from ...propagators.base import Anytime, Islands, Propagator, Samples
 from ...propagators.names import ANYTIME
 from ...propagators.registry import PROPAGATORS, propagator_from_texts
@@ -228,7 +227,7 @@ def read_request(
     time_limit : float, optional
         Longest wall time, even if the request allows more [s].
     time_budget : float
-        Time after which `auto` adds no more rollouts, if the request sets no goals [s]; 0 for any.
+        Time after which an anytime method adds no more rollouts, if the request sets no goals [s]; 0 for any.
     fields : FieldNames, optional
         Names in error messages; by default ``scene.objects[0]``, ``actions[0]`` and so on.
     complete : callable
@@ -252,8 +251,8 @@ def read_request(
     name = _add_targets(options, request)
     propagator = _propagator(name, options, request.samples, seed, settings)
     asked_time = getattr(propagator, "time", 0.0)
-    if time_budget and not options and isinstance(propagator, Auto):
-        propagator = replace(propagator, time=time_budget, first=FIRST_RUNS)
+    if time_budget and not options and isinstance(propagator, Anytime):
+        propagator = propagator.within(time_budget)
     # other methods treat bodies separately, and an anytime method adds rollouts for all bodies
     divisible = isinstance(propagator, Islands) and not isinstance(propagator, Anytime)
     islands = settings.islands and propagator.traits.cross_body and divisible
