@@ -107,8 +107,8 @@ BAD = {
         "score.at_rest.speed must be a number",
     ),
     "no text": ({"score": {"upright": {"object": 3}}}, "score.upright.object must be a non-empty text"),
-    "no such object": ({"score": {"upright": "cup"}}, "score.object is no body of the scene"),
-    "of what is reported": ({"also": [{"upright": "cup"}]}, "also[0].object is no body of the scene"),
+    "no such object": ({"score": {"upright": "cup"}}, "score.object names no body of the scene"),
+    "of what is reported": ({"also": [{"upright": "cup"}]}, "also[0].object names no body of the scene"),
     "no actions": ({"actions": {}}, "actions must be a mapping of names to changes"),
     "no change": ({"actions": {"a": {"salt_box": 3}}}, "actions['a'].salt_box must be a mapping of fields"),
     "a bad change": (

@@ -16,4 +16,4 @@ def test_each_number_of_samples_has_its_own_figures(tmp_path):
     report = experiment.report(results)
     assert experiment.verdict(results).split()[1] == "of"
     for samples in RUNS["cloud"]:
-        assert report.count(label("cloud", samples) + " |") == 1
+        assert report.count(f"| {label('cloud', samples)} |") == 1

@@ -108,4 +108,4 @@ def test_an_event_of_no_body_is_refused_before_the_prediction(tmp_path, capsys):
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(two_bodies()))
     assert main(["predict", str(path), "--event", "upright: lefd"]) == ErrorCode.INVALID_REQUEST
-    assert "--event.object is no body of the scene; did you mean 'left'?" in capsys.readouterr().err
+    assert "--event.object names no body of the scene; did you mean 'left'?" in capsys.readouterr().err

@@ -251,7 +251,7 @@ BAD = {
         r"actions\['a'\] must return a Scene and a Belief",
     ),
     "no score": ({"score": "upright"}, "score must be an Event, not a str"),
-    "a stranger": ({"score": Upright("cup")}, "score.object is no body of the scene; there is box.*cup"),
+    "a stranger": ({"score": Upright("cup")}, "score.object names no body of the scene; there is box.*cup"),
     "touches nothing": ({"score": Touches("box", "wall")}, "score.other is neither .*wall"),
     "touches itself": ({"score": Touches("box", "box")}, "score.other must be another one"),
     "off a stranger": (

@@ -335,10 +335,10 @@ def _note_what_is_left_out(arguments, scene, propagator, horizon):
         sink = body.model.sink
         if meets and sink is not None and sink > SINK:
             height = 1e3 * (loss or 0.0)
-            bumps = f", and it rolls less far on bumps of up to {height:.1f} mm" if height > _SMOOTH else ""
+            bumps = f"; bumps of up to {height:.1f} mm change how far it rolls" if height > _SMOOTH else ""
             note(
-                f"{printable(body.name)} has {len(body.model)} spheres, and a ball of 10 mm sinks between"
-                f" them by {1e3 * sink:.1f} mm{bumps}; spheres: auto takes as many as are needed"
+                f"{printable(body.name)} has {len(body.model)} spheres, between which a ball of 10 mm radius"
+                f" sinks by up to {1e3 * sink:.1f} mm{bumps}; spheres: auto takes as many as are needed"
             )
     if horizon is None:
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import logging
 
 import numpy as np
 
@@ -93,6 +94,9 @@ def _packed(shape, lengths):
     if path.is_file():
         with contextlib.suppress(UncPhysicsError):  # a damaged file is made again
             return load_packing(path)
+    logging.getLogger("unc_physics").warning(
+        "Packing a %s with %d spheres (once for each size, up to half a minute) ...", shape, SPHERES
+    )
     try:
         from .packing import pack_solid
         from .solid_mesh import make_solid

@@ -15,6 +15,10 @@ class Status(IntFlag):
     INITIAL_OVERLAP = 4
     MEAN_NOT_POSSIBLE = 8
 
+    def __str__(self) -> str:
+        """Return the names of the flags, as the command line prints them."""
+        return " ".join(flag.name or "" for flag in self) or "FINE"
+
 
 @dataclass(frozen=True)
 class BodyStatus:

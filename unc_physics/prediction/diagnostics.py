@@ -141,13 +141,29 @@ def _mean_errors(evidence, body):
 
 def _kept_overlap(evidence, body):
     """With what a body overlaps for ever, and how deep."""
+    name, depth = _deepest_kept(evidence, body)
+    return "what it overlaps" if name is None else f"{name}, which it overlaps by {depth:.3g} m"
+
+
+def _kept_name(evidence, body):
+    """With what a body overlaps for ever."""
+    return _deepest_kept(evidence, body)[0] or "something"
+
+
+def _deepest_kept(evidence, body):
+    """Return the name in quotes of what a body overlaps deepest for ever, or None, and the depth [m]."""
     scene, depths = evidence.scene, evidence.start.kept_overlaps
     bodies = len(scene.bodies)
     own = np.concatenate([np.maximum(depths[body, :bodies], depths[:, body]), depths[body, bodies:]])
     other = int(np.argmax(own))
-    if own[other] == 0.0:  # what it overlapped when it settled
-        return "what it overlaps"
-    return f"'{printable(thing_names(scene)[other])}', which it overlaps by {own[other]:.3g} m"
+    # without a depth it overlapped something when it settled
+    return None if own[other] == 0.0 else f"'{printable(thing_names(scene)[other])}'", float(own[other])
+
+
+def _lost_extent(evidence, body):
+    model = evidence.scene.bodies[body].model
+    count = "1 sphere reaches" if len(model) == 1 else f"{len(model)} spheres reach"
+    return f"{count} up to {1e3 * (model.extent_loss or 0.0):.1f} mm less far than the mesh"
 
 
 def _density(evidence, body):
@@ -206,8 +222,8 @@ def overlap_kept(evidence):
 @_measure(
     Status.INITIAL_OVERLAP,
     0.5,
-    "never comes free at the start of {detail}; check the poses of both",
-    detail=_kept_overlap,
+    "overlaps {detail} at the start in most samples or points; the two poses contradict each other",
+    detail=_kept_name,
 )
 def overlap_certain(evidence):
     """Share of the samples or points that keep an overlap."""
@@ -331,7 +347,8 @@ def doubtful_contacts(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     1.0,
-    "has too few spheres for its shape; take more of them, or spheres: auto",
+    "has too few spheres for its shape: {detail}; take more of them, or spheres: auto",
+    detail=_lost_extent,
     in_contact=True,
 )
 def extent_loss(evidence):

@@ -173,7 +173,7 @@ class BodyEvent(Event):
 
     def check(self, scene, field):
         _index(
-            self.object, [body.name for body in scene.bodies], f"{field}.object", "is no body of the scene"
+            self.object, [body.name for body in scene.bodies], f"{field}.object", "names no body of the scene"
         )
 
     @property

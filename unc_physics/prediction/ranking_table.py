@@ -73,10 +73,12 @@ def ranking_as_table(ranking: Ranking, also: Sequence[Event] = (), most: int | N
     notes = [f"[{k}] {printable(str(event))}" for k, event in enumerate(also, 1)]
     tied = sum(action.tied for action in ranking)
     if tied:
-        notes.append(
-            f"{tied} actions are tied: within a standard error of the best score. They are in order of"
-            " margin, the distance from failure in standard deviations."
-        )
+        said = f"{tied} actions are tied: within a standard error of the best score."
+        if all(action.margin is None for action in ranking if action.tied):
+            said += " Contacts have no margin, so they are in the order in which they were given."
+        else:
+            said += " They are in order of margin, the distance from failure in standard deviations."
+        notes.append(said)
     if most is not None and len(lines) + len(notes) > most:
         kept = max(3, most - len(notes) - 1)
         lines = [*lines[:kept], f"... {len(lines) - kept} more actions"]

@@ -121,7 +121,7 @@ class Belief:
         for name, given in bodies.items():
             if name not in names:
                 raise InvalidRequestError(
-                    f"is no body of the scene{hint(str(name), names)}", field="bodies", value=name
+                    f"is no body of the scene{hint(str(name), names)}", field=f"bodies[{name!r}]"
                 )
             instance(given, BodyBelief, f"bodies[{name!r}]")
         for body in scene.bodies:

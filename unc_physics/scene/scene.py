@@ -20,6 +20,7 @@ from ..checks.errors import (
     NoObjectsError,
 )
 from ..checks.names import hint, with_named_arguments
+from ..checks.shown import shown
 from ..checks.validation import flag
 from ..collision import sphere_tree
 from ..collision.faces import of_scene
@@ -156,8 +157,9 @@ class Scene:
         try:
             bodies = tuple(self.bodies)
         except TypeError:
+            instead = "[body]" if isinstance(self.bodies, RigidBody) else ""
             raise InvalidRequestError(
-                "must be a sequence of RigidBody", field="bodies", value=self.bodies
+                _not_a_list("RigidBody", self.bodies, instead), field="bodies"
             ) from None
         if not bodies:
             raise NoObjectsError("must name at least one body", field="bodies")
@@ -503,14 +505,22 @@ def _box(low, high):
     return np.concatenate([0.5 * (low + high), 0.5 * (high - low)])
 
 
+def _not_a_list(kinds, value, instead):
+    """Return the problem of a value that is no list of some ``kinds``; ``instead`` shows it in a list."""
+    given = "None" if value is None else f"a single {type(value).__name__}" if instead else shown(value)
+    return f"must be a list of {kinds}, not {given}{instead and f'; write {instead}'}"
+
+
 def _elements(environment, names):
     """Return the environment as a tuple; raise an error if names of elements and bodies repeat."""
     try:
+        if isinstance(environment, str):
+            raise TypeError
         elements = tuple(environment)
     except TypeError:
-        raise InvalidEnvironmentError(
-            "must be a sequence of elements", field="environment", value=environment
-        ) from None
+        instead = f"[{type(environment).__name__}(...)]" if isinstance(environment, Element) else ""
+        problem = _not_a_list("elements, such as Plane and Box", environment, instead)
+        raise InvalidEnvironmentError(problem, field="environment") from None
     for k, element in enumerate(elements):
         check_element(element, f"environment[{k}]")
     taken = set(names)
