@@ -39,7 +39,7 @@ FLOOR = Plane(name="floor")
             "environment must be a list of elements, such as Plane and Box, not 'floor'",
         ),
         (
-            lambda: Scene.everyday(CUP),
+            lambda: Scene.everyday(CUP),  # pyright: ignore[reportArgumentType]
             "bodies must be a list of RigidBody, not a single RigidBody; write [body]",
         ),
         (
@@ -68,8 +68,9 @@ def test_a_body_of_too_few_spheres_is_flagged_with_number_and_loss():
     scene = Scene.everyday([few], environment=[FLOOR], exact=True)
     belief = Belief.of(scene, {"dish": BodyBelief(origin="model", position=(0, 0, 0.002))})
     (status,) = assess(predict(scene, belief, make_propagator("monte_carlo", samples=20), 0.1))
-    loss = 1e3 * few.model.extent_loss
-    assert f"20 spheres reach up to {loss:.1f} mm less far than the mesh" in status.message
+    loss = few.model.extent_loss
+    assert loss is not None
+    assert f"20 spheres reach up to {1e3 * loss:.1f} mm less far than the mesh" in status.message
 
 
 def test_tied_actions_without_margins_keep_their_order():
