@@ -28,7 +28,7 @@ from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
 from .conservation_checks import penetration_share as inside_share
 from .evidence import Evidence, kinetic_moments, spread_floors
-from .rare_outcomes import MATTER, tail_factor
+from .rare_outcomes import MATTER, tail_factors
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
 _ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", " or ")
@@ -132,6 +132,12 @@ def _spreads_apart(evidence, body):
 
 def _uneven_quantity(evidence, body):
     return _QUANTITIES[int(np.argmax(evidence.asymmetries[body]))]
+
+
+def _widened_quantity(evidence, body):
+    assert evidence.wide is not None
+    factors = tail_factors(evidence.scene, evidence.snapshot.belief, evidence.wide)[body]
+    return _QUANTITIES[int(np.argmax(factors))]
 
 
 def _mean_errors(evidence, body):
@@ -439,8 +445,9 @@ def spread_error(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     MATTER,
-    "rare outcomes lie far from all rollouts, and may widen the spread; ask for the probability of an event,"
-    " or for many more rollouts",
+    "rare outcomes lie far from all rollouts, and may widen the spread of {detail} by this factor; ask for"
+    " the probability of an event, or for many more rollouts",
+    detail=_widened_quantity,
 )
 def rare_outcomes(evidence):
     """Factor by which outcomes widen the standard deviation of position or rotation that a few rollouts do
@@ -450,7 +457,7 @@ def rare_outcomes(evidence):
     """
     if evidence.wide is None:
         return None
-    return tail_factor(evidence.scene, evidence.snapshot.belief, evidence.wide)
+    return tail_factors(evidence.scene, evidence.snapshot.belief, evidence.wide).max(axis=1)
 
 
 @_measure(

@@ -27,7 +27,7 @@ from .compute_budget import LOOK_UP_AFTER, ComputeBudget, first_piece
 from .events import Event, RolloutOutcomes
 from .islands import IslandRunner
 from .probability import CONFIDENCE, interval
-from .rare_outcomes import WIDE_ROLLOUTS, tail_factor
+from .rare_outcomes import WIDE_ROLLOUTS, tail_factors
 from .snapshot import Snapshot
 
 _OUTCOMES_AT_ONCE = 8192  # outcomes of several times in which events are looked for together
@@ -326,7 +326,7 @@ def _rare_factor(propagator, scene, carry, wide):
     """The largest factor on a spread by rare outcomes, of any body."""
     if wide is None:
         return 1.0
-    return float(tail_factor(scene, propagator.belief(carry, scene), wide).max(initial=1.0))
+    return float(tail_factors(scene, propagator.belief(carry, scene), wide).max(initial=1.0))
 
 
 def _probability_errors(propagator, scene, initial, waiting, events):

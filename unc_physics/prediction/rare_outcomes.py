@@ -22,20 +22,20 @@ _FAR = 8.0  # standard deviations, that wide rollouts of what responds linearly 
 _SPREAD_FLOORS = 5e-5, 1e-3
 
 
-def tail_factor(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
-    """(B,): factor by which far outcomes widen a belief's standard deviation of position or rotation.
+def tail_factors(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
+    """(B, 2): factors by which far outcomes widen the standard deviations of position and rotation.
 
     ``wide`` (R, B, 13) are states at the same time, of rollouts that began with `balanced_monte_carlo.WIDE`
     times the spread.
     """
     spreads = np.maximum(pose_spreads(belief.blocks), _SPREAD_FLOORS)
-    result = np.ones(len(scene.bodies))
+    result = np.ones((len(scene.bodies), 2))
     for k, body in enumerate(scene.moving.tolist()):
         states, mean = wide[:, body], belief.mean[body]
         distance = np.linalg.norm(states[:, POSITION] - mean[POSITION], axis=1)
         cosine = np.abs(states[:, QUATERNION] @ mean[QUATERNION])
         angle = 2.0 * np.arccos(np.minimum(cosine, 1.0))
-        result[body] = max(_widened(distance / spreads[k, 0]), _widened(angle / spreads[k, 1]))
+        result[body] = _widened(distance / spreads[k, 0]), _widened(angle / spreads[k, 1])
     return result
 
 

@@ -228,7 +228,7 @@ class Anytime(Rollouts):
     def additional_rollouts(self, carry: Any, scene: Scene, spent: Spent) -> int:
         """Return the number of rollouts to add; 0 ends the prediction."""
 
-    def within(self, time: float) -> Anytime:
+    def within(self, time: float) -> Any:
         """Return this propagator so that after a wall time [s] it adds no rollouts to its first ones."""
         return self
 
