@@ -251,8 +251,7 @@ def read_request(
     name = _add_targets(options, request)
     propagator = _propagator(name, options, request.samples, seed, settings)
     asked_time = getattr(propagator, "time", 0.0)
-    if time_budget and not options and isinstance(propagator, Anytime):
-        propagator = propagator.within(time_budget)
+    propagator = _within(propagator, 0.0 if options else time_budget)
     # other methods treat bodies separately, and an anytime method adds rollouts for all bodies
     divisible = isinstance(propagator, Islands) and not isinstance(propagator, Anytime)
     islands = settings.islands and propagator.traits.cross_body and divisible
@@ -539,6 +538,11 @@ def _propagator(name, options, samples, seed, settings):
             )
         propagator = replace(propagator, **{option: settings.max_samples})
     return propagator
+
+
+def _within(propagator: Propagator, time: float) -> Propagator:
+    """Return the propagator with a time budget [s], if it takes one; 0 for none."""
+    return propagator.within(time) if time and isinstance(propagator, Anytime) else propagator
 
 
 def _computation_time(value, limit, budget):
