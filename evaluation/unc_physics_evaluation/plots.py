@@ -218,7 +218,7 @@ def draw_calibration(path: Path, groups: Mapping[str, Rows], kinds: Sequence[str
             ax.plot(*np.array(shown).reshape(-1, 2).T, "o", markersize=4, alpha=0.6, markeredgewidth=0)
             limits = (-0.03, 1.03)
             ax.set(aspect="equal", xlim=limits, ylim=limits)
-            ax.set_title(f"{kind}: {len(shown)} of {len(asked)} available", fontsize=10)
+            ax.set_title(f"{kind}: {len(shown)} of {len(asked)} answered", fontsize=10)
         line[0].set_ylabel(f"{title}\nprobability answered", fontsize=9)
     for ax in axes[-1]:
         ax.set_xlabel("truth", fontsize=9)

@@ -124,13 +124,13 @@ def test_a_ranking_depends_on_nothing_but_its_seed(ranking):
 def test_ties_are_in_order_of_their_margins():
     """Each of three places is as good as certain; the one in the middle is the farthest from the edges."""
     offsets = {"right": 0.14, "left": -0.12, "middle": 0.0}
-    actions = {name: {"box": held(offset, std=0.01)} for name, offset in offsets.items()}
+    actions = {name: {"box": held(offset, std=0.015)} for name, offset in offsets.items()}
     found = rank(SCENE, BELIEF, actions, ON_SHELF, 0.05, rollouts=40)
     assert [action.name for action in found] == ["middle", "left", "right"]
     assert all(action.tied and action.score.estimate == 1.0 for action in found)
     for action in found:
         depths = ABOVE.depths(action.prediction.samples()[:, 0, :3])
-        assert action.margin == pytest.approx(np.median(depths) / depths.std())
+        assert action.margin == pytest.approx(min(np.median(depths) / depths.std(), 8.0))
     worst = rank(SCENE, BELIEF, actions, ~ON_SHELF, 0.05, rollouts=40, smallest_first=True)
     assert [action.margin for action in worst] == pytest.approx([action.margin for action in found])
     assert rank(SCENE, BELIEF, actions, Touches("box", "shelf"), 0.05, rollouts=20).best.margin is None

@@ -38,13 +38,13 @@ def draw_ranking(path: str, ranking: Ranking, also: Sequence[Event] = (), title:
         )
     ax.plot([], [], "o-", color=_KEPT, label=printable(str(ranking.score)))
     if any(action.clearly_worse for action in actions):
-        ax.plot([], [], "o-", color=_WORSE, label="the same, of a clear loser")
+        ax.plot([], [], "o-", color=_WORSE, label="the same, where clearly worse")
     for event, tint in zip(also, _OTHERS, strict=False):
         ax.plot([], [], "|", color=tint, markeredgewidth=2, label=printable(str(event)))
     ax.set_yticks(range(len(actions)), [printable(action.name) for action in actions])
     ax.invert_yaxis()
     ax.set_xlim(-0.02, 1.02)
-    ax.set_xlabel("probability, and the interval that holds it but in one of a thousand answers", fontsize=9)
+    ax.set_xlabel("probability, with its 99.9 % confidence interval", fontsize=9)
     ax.grid(axis="x", color="#E5E5E5")
     figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     ax.set_title(title, fontsize=11)

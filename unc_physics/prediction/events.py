@@ -56,6 +56,9 @@ def argument(description: str, default: Any = MISSING, *, positive: bool = False
     return field(default=default, metadata={"description": description, "positive": positive})
 
 
+_FAR = 8.0  # standard deviations from an event's border, beyond which a margin says nothing more
+
+
 class RolloutOutcomes(NamedTuple):
     """Equally probable outcomes of a scene up to one time."""
 
@@ -104,13 +107,15 @@ class Event(ABC):
         """Median distance of the outcomes from the event's border, in standard deviations over them; None
         where events have no distance.
 
-        It is positive where the event happens in more than half of them. Contacts have no distance, and do
+        It is positive where the event happens in more than half of them, and at most 8 either way: what is
+        farther from the border never reaches it. Contacts have no distance, and do
         not count; None also where they decide, so that the distances of the rest contradict the outcomes.
         """
         distances = self.scaled_distances(outcomes)
         if distances is None:
             return None
-        margin, share = float(np.median(distances)), float(self.happened(outcomes).mean())
+        margin = float(np.clip(np.median(distances), -_FAR, _FAR))
+        share = float(self.happened(outcomes).mean())
         return None if margin * (share - 0.5) < 0.0 else margin
 
     def scaled_distances(self, outcomes: RolloutOutcomes) -> np.ndarray | None:

@@ -65,7 +65,7 @@ def ranking_as_table(ranking: Ranking, also: Sequence[Event] = (), most: int | N
         p, low, high = action.score.estimate, action.score.low, action.score.high
         difference = f"{action.difference.value:+.3f} +- {action.difference.std:.3f}"
         row = f"{printable(action.name):<{width}}  {p:11.3f}  {low:.3f} to {high:.3f}  "
-        margin = "" if action.margin is None else _short(action.margin)
+        margin = "" if action.margin is None else f"{action.margin:.2f}"
         row += f"{'' if action is ranking.best else difference:>16}  {margin:>6}  {action.rollouts:8d}"
         row += "".join(f"  {action.prediction.probability(event).estimate:.3f}" for event in also)
         row += "  tied" if action.tied else "  clearly worse" if action.clearly_worse else ""
@@ -83,8 +83,3 @@ def ranking_as_table(ranking: Ranking, also: Sequence[Event] = (), most: int | N
         kept = max(3, most - len(notes) - 1)
         lines = [*lines[:kept], f"... {len(lines) - kept} more actions"]
     return "\n".join(lines + notes)
-
-
-def _short(margin):
-    """Return a margin in six characters; far from failure its size says nothing."""
-    return f"{margin:.2f}" if abs(margin) < 100.0 else ">100" if margin > 0.0 else "<-100"

@@ -33,8 +33,8 @@ def as_dict(
     """Return a prediction as plain Python values, which JSON can hold.
 
     The keys are those of ``unc_physics schema prediction``. Each body's ``start`` is its belief at time 0
-    that was really used (`Prediction.start`). ``samples`` (N, B, 13) at the horizon are added if they are
-    given.
+    that was really used (`Prediction.start`). A body has ``modes`` if its state splits. ``samples``
+    (N, B, 13) at the horizon are added if they are given.
     """
     scene = prediction.scene
     result = {
@@ -52,6 +52,11 @@ def as_dict(
     for found, body, start, other in zip(result["bodies"], scene.bodies, starts, at_origins, strict=True):
         del start["name"]
         found |= {"at_rest": body.at_rest, "model_origin": {key: other[key] for key in keys}, "start": start}
+    for k, modes in enumerate(_modes(prediction)):
+        if len(modes) > 1:
+            result["bodies"][k]["modes"] = [
+                {"probability": mode.weight, **_values(mode.mean, mode.covariance)} for mode in modes
+            ]
     if samples is not None:
         for k, body in enumerate(result["bodies"]):
             body["samples"] = samples[:, k].tolist()
@@ -63,21 +68,29 @@ def as_dict(
     return result
 
 
+def _modes(prediction):
+    """Modes of each body at the horizon; none of a prediction that came without them."""
+    scene, last = prediction.scene, prediction.at()
+    if last.received is not None and last.received.modes is None:
+        return []
+    return [last.modes(scene, k) for k in range(len(scene.bodies))]
+
+
 def _bodies(scene, belief):
-    bodies = []
-    for k, body in enumerate(scene.bodies):
-        state, P = belief.mean[k], belief.marginal(k)
-        bodies.append(
-            {
-                "name": body.name,
-                "position": state[POSITION].tolist(),
-                "orientation": state[QUATERNION].tolist(),
-                "linear_velocity": state[VELOCITY].tolist(),
-                "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
-                "covariance": P.tolist() if body.free else None,
-            }
-        )
-    return bodies
+    return [
+        {"name": body.name, **_values(belief.mean[k], belief.marginal(k) if body.free else None)}
+        for k, body in enumerate(scene.bodies)
+    ]
+
+
+def _values(state, P):
+    return {
+        "position": state[POSITION].tolist(),
+        "orientation": state[QUATERNION].tolist(),
+        "linear_velocity": state[VELOCITY].tolist(),
+        "angular_velocity": state[ANGULAR_VELOCITY].tolist(),
+        "covariance": None if P is None else P.tolist(),
+    }
 
 
 def as_table(prediction: Prediction, most: int | None = None) -> str:
