@@ -240,8 +240,21 @@ class Anytime(Rollouts):
 class Islands(ABC):
     """Capability: bodies that cannot meet are propagated apart, each group with its own carry.
 
-    Without it all bodies of a scene are propagated together.
+    Without it all bodies of a scene are propagated together. A method that draws samples is derived from
+    `JointlySampledIslands`: drawn island by island, the same seed would give each of them the same numbers.
+
+    Raises
+    ------
+    TypeError
+        When a class is made that has `Samples` and this, without `JointlySampledIslands`.
     """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if issubclass(cls, Samples) and not issubclass(cls, JointlySampledIslands):
+            raise TypeError(
+                f"{cls.__name__} draws samples, so derive it from JointlySampledIslands in place of Islands"
+            )
 
     @abstractmethod
     def join(self, carries: Sequence[Any], parts: Sequence[Part], joint: JointIsland) -> Any:
