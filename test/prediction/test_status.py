@@ -12,7 +12,7 @@ from example_scenes import two_bodies
 from plain_scenes import BALL, BLOCK, G, independent, lowest, state, turned
 from twins.states import boxminus
 
-from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnostics import mean_pose_errors
@@ -406,3 +406,14 @@ def test_few_spheres_get_a_note(tmp_path, capsys):
         path.write_text(yaml.safe_dump(content | {"integrator": integrator} | laws))
         assert main(["predict", str(path)]) == 0
         assert ("toy has 100 spheres, which reach up to" in capsys.readouterr().err) is noted
+
+
+def test_sigma_points_of_which_some_fall_are_flagged():
+    """A brick with its middle above a table's edge: opposite points both stay, or both fall."""
+    table = Box([1.0, 0.6, 0.04], [0.0, 0.0, -0.02], name="table")
+    scene = Scene.everyday([RigidBody("brick", load_model("brick"))], environment=[table], exact=True)
+    belief = Belief.of(
+        scene, {"brick": BodyBelief(position=(0.5, 0.0, 0.04), position_std=(0.01, 0.005, 0.0))}
+    )
+    (status,) = assess(predict(scene, belief, "sigma_points", 1.0))
+    assert status.flags & Status.MEAN_NOT_POSSIBLE and status.measures["outcomes"] == 2.0

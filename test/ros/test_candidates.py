@@ -234,7 +234,7 @@ def badly_ranked(*scores, **others):
         (badly_ranked(propagator="none"), "UNKNOWN_PROPAGATOR", "propagator"),
         (badly_ranked(Score(quantity=9, object="box")), "INVALID_REQUEST", "score[0].quantity is no kind"),
         (badly_ranked(ABOVE, Score(object="box", other="bin")), "INVALID_REQUEST", "score[1].other is no"),
-        (badly_ranked(Score(quantity=3, object="cup")), "INVALID_REQUEST", "score[0].object is no body"),
+        (badly_ranked(Score(quantity=3, object="cup")), "INVALID_REQUEST", "score[0].object names no body"),
         (
             badly_ranked(Score(quantity=3, object="box", other="x")),
             "INVALID_REQUEST",

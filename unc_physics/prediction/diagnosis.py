@@ -89,17 +89,19 @@ def _same(evidence, other):
 
 
 def _compare(prediction, found, places, rollouts, before=0):
-    """Give the evidence at some places the spreads of rollouts, with those of as many ``before``."""
+    """Give the evidence at some places spreads and states of rollouts, with those of as many ``before``."""
     if places:
         marks = [mark_at(found[k].snapshot.time, prediction.scene.dt) for k in places]
         scene = prediction.asked or prediction.scene
         seed = _SEED + (before > 0)
-        spreads = rollout_spreads(scene, prediction.initial, marks, rollouts, seed)
-        for k, own in zip(places, spreads, strict=True):
+        sampled = sampled_snapshots(scene, prediction.initial, marks, rollouts, seed)
+        for k, one in zip(places, sampled, strict=True):
+            own, states = pose_spreads(one.belief.blocks), one.rollout_states
             if before:
                 squares = before * found[k].spreads ** 2 + rollouts * own**2
                 own = np.sqrt(squares / (before + rollouts))
-            found[k] = replace(found[k], spreads=own)
+                states = np.concatenate([found[k].compared, states])
+            found[k] = replace(found[k], spreads=own, compared=states)
 
 
 def may_miss(prediction: Prediction) -> bool:
@@ -128,8 +130,8 @@ def needs_rollouts(evidence: Evidence) -> bool:
     """Return whether a spread is to be compared with that of rollouts.
 
     A spread of a single rollout is compared if there is something to touch or a gyroscopic term. A spread of
-    points is compared if one of them touched something, and the points are asymmetric, or many, or may have
-    turned too far.
+    points is compared if one of them touched something, and the points are asymmetric, or many, or touched
+    different things, or may have turned too far.
     """
     scene, propagator, directions = evidence.scene, evidence.propagator, evidence.start.directions
     if propagator.traits.mean_update == "nominal":
@@ -141,6 +143,9 @@ def needs_rollouts(evidence: Evidence) -> bool:
     if not isinstance(propagator, PointPairs):
         return False
     if directions is None or directions.sum() > RULES["directions"].limit:
+        return True
+    touched = np.isfinite(evidence.history.first_time)
+    if not (touched == touched[0]).all():
         return True
     asymmetry = evidence.asymmetry
     return asymmetry is None or asymmetry.max() > _EVEN or _half_turned(evidence)
@@ -171,15 +176,11 @@ def _half_turned(evidence):
     return bool((far * std * np.maximum(snapshot.time - since, 0.0) > math.pi).any())
 
 
-def rollout_spreads(scene, initial, marks, count, seed=_SEED):
-    """Return standard deviations of position [m] and rotation [rad] of ``count`` rollouts: (T, M, 2).
-
-    ``marks`` are those of `marks_of`.
-    """
+def sampled_snapshots(scene, initial, marks, count, seed=_SEED):
+    """Return the snapshots of ``count`` rollouts at marks, as of `marks_of`."""
     if len(scene.bodies) > 2 and not scene.islands:
         scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
     propagator = BalancedMonteCarlo(samples=count, seed=seed)
     check_supported(scene, propagator)
     check_memory(scene, initial, propagator, len(marks))
-    sampled = run(scene, initial, propagator, marks, ComputeBudget(None, clock(), None))
-    return np.array([pose_spreads(snapshot.belief.blocks) for snapshot in sampled.snapshots])
+    return run(scene, initial, propagator, marks, ComputeBudget(None, clock(), None)).snapshots

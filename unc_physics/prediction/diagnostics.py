@@ -18,6 +18,7 @@ from ..collision.contact_model import capacity, impact_frequency
 from ..geometry.packing_file import EXTENT_LOSS
 from ..initialization.overlap_search import TOUCHING
 from ..propagators.base import Samples
+from ..propagators.modes import split
 from ..propagators.overlap_depths import overlaps
 from ..propagators.registry import names_where
 from ..scene.environment import thing_names
@@ -543,17 +544,23 @@ def unevenness(evidence):
 @_measure(
     Status.MEAN_NOT_POSSIBLE,
     1.0,
-    "outcomes split into several, between which the mean lies; read the modes",
+    f"outcomes split into several, between which the mean lies; read the modes of {_SAMPLED}",
     in_contact=True,
 )
 def outcomes(evidence):
-    """Number of separate outcomes of the rollouts (`PredictedBody.modes`) with a share of at least 5 %."""
-    snapshot, scene = evidence.snapshot, evidence.scene
-    if snapshot.rollout_states is None:
+    """Number of separate outcomes of the rollouts (`PredictedBody.modes`) with a share of at least 5 %. Of
+    methods without rollouts: of those that the spread was compared with.
+    """
+    snapshot, scene, compared = evidence.snapshot, evidence.scene, evidence.compared
+    if snapshot.rollout_states is None and compared is None:
         return None
     found = np.ones(len(scene.bodies))
     for k in np.flatnonzero(evidence.touches):
-        found[k] = sum(mode.weight >= _LEAST_SHARE for mode in snapshot.modes(scene, k))
+        if snapshot.rollout_states is not None:
+            modes = snapshot.modes(scene, k)
+        else:
+            modes = split(compared[:, k], scene.bodies[k].model.bounding_radius)
+        found[k] = sum(mode.weight >= _LEAST_SHARE for mode in modes)
     return found
 
 

@@ -81,6 +81,8 @@ class Evidence:
     #: (M, 2): standard deviations of position [m] and rotation [rad] of rollouts; None where none were
     #: asked
     spreads: np.ndarray | None = None
+    #: (R, B, 13): states of those rollouts
+    compared: np.ndarray | None = None
     #: (R, B, 13): states of rollouts of a belief that is twice as wide; None where none were asked
     wide: np.ndarray | None = None
     left_out: tuple[str, ...] = ()  # as `Prediction.left_out`
