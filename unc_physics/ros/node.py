@@ -202,7 +202,7 @@ class Spinning:
         self._ended.set()
         _ended_executors.append(self._executor)
         self._executor.shutdown()
-        self._thread.join()
+        self._thread.join(_SETTLING_TIMEOUT)  # a daemon: one that does not wake up ends with the process
 
 
 def leave(status: int) -> None:
