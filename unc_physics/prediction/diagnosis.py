@@ -100,7 +100,7 @@ def _compare(prediction, found, places, rollouts, before=0):
             if before:
                 squares = before * found[k].spreads ** 2 + rollouts * own**2
                 own = np.sqrt(squares / (before + rollouts))
-                states = np.concatenate([found[k].compared, states])
+                states = np.concatenate([some for some in (found[k].compared, states) if some is not None])
             found[k] = replace(found[k], spreads=own, compared=states)
 
 
