@@ -136,7 +136,8 @@ def needs_rollouts(evidence: Evidence) -> bool:
     scene, propagator, directions = evidence.scene, evidence.propagator, evidence.start.directions
     if propagator.traits.mean_update == "nominal":
         return len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
-    if not np.isfinite(evidence.history.first_time).any():
+    touched = np.isfinite(evidence.history.first_time)
+    if not touched.any():
         return False
     if evidence.left_out:
         return True
@@ -144,7 +145,6 @@ def needs_rollouts(evidence: Evidence) -> bool:
         return False
     if directions is None or directions.sum() > RULES["directions"].limit:
         return True
-    touched = np.isfinite(evidence.history.first_time)
     if not (touched == touched[0]).all():
         return True
     asymmetry = evidence.asymmetry

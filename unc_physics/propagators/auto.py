@@ -36,7 +36,6 @@ class Auto(Cloud, Anytime):
 
     name = "auto"
 
-    #: it begins with 32, or with 12 where time is limited
     runs: int = option(1024, "the most rollouts", low=FEWEST_RUNS, high=100_000)
     first: int = option(
         0, "rollouts to begin with; 0 for 32, or 12 where time is limited", low=0, high=100_000
