@@ -3,6 +3,7 @@
 import re
 import signal
 import subprocess
+import threading
 import time
 
 import pytest
@@ -31,7 +32,9 @@ def test_a_signal_ends_a_busy_node_cleanly(client):
 @pytest.mark.parametrize(("with_signal", "delay"), [(signal.SIGTERM, 0.8), (signal.SIGINT, 2.0)])
 def test_a_signal_while_it_starts_ends_the_node_cleanly(with_signal, delay):
     starting = NodeProcess(name="starting")
-    process = subprocess.Popen(starting.command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    # a shell's background job ignores SIGINT, and so would the node until it has a handler
+    command = ["env", "--default-signal", *starting.command]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     time.sleep(delay)
     process.send_signal(with_signal)
     output, _ = process.communicate(timeout=200.0)
@@ -86,8 +89,12 @@ def test_a_goal_that_runs_when_the_node_ends_is_answered(client):
         action = ActionClient(client.node, PredictLong, "/ending/predict_long")
         assert action.wait_for_server(10.0)
         goal = PredictLong.Goal(request=good_request(propagator="monte_carlo", samples=2000, horizon=60.0))
-        handle = client.of_action(lambda: action.send_goal_async(goal))
+        running = threading.Event()
+        handle = client.of_action(
+            lambda: action.send_goal_async(goal, feedback_callback=lambda _: running.set())
+        )
         answer = result_of(client.executor.create_task(handle.get_result_async))
+        assert running.wait(30.0)
         time.sleep(0.3)
         assert process.end() == 0
         assert result_of(answer).result.result.error_code == ErrorCode.CANCELED

@@ -29,6 +29,7 @@ from .messages.fields import duration
 
 _FEEDBACK_PERIOD = 0.1  # s
 _CLIENTS_PERIOD = 1.0  # s, between checks whether a goal's client is still there
+_SENDING_TIMEOUT = 1.0  # s; an executor that does not spin sends nothing
 _RESULT_TIMEOUT = 10  # s, for which a result can be fetched; rclpy would keep it for 15 minutes
 _GUID, _GUID_PREFIX = 16, 12  # bytes of the id of an endpoint, and of its participant
 _MACHINE, _PROCESS = slice(0, 4), slice(4, 6)  # of a participant's id of Fast DDS
@@ -159,6 +160,7 @@ class _ThreadedActionServer(ActionServer):
     def __init__(self, threads, *args, **others):
         super().__init__(*args, **others)
         self._pool = ThreadPoolExecutor(threads)
+        self._goals = []  # futures of goals, those that run among them
         self.participants = {}  # of the clients of goals that are not yet executed, by the goals' ids
 
     async def _execute_goal_request(self, request_header_and_message):
@@ -173,13 +175,18 @@ class _ThreadedActionServer(ActionServer):
 
     def notify_execute(self, goal_handle, execute_callback):
         """Execute an accepted goal."""
-        self._pool.submit(
-            asyncio.run, self._execute_goal(execute_callback or self._execute_callback, goal_handle)
-        )
+        execution = self._execute_goal(execute_callback or self._execute_callback, goal_handle)
+        self._goals = [goal for goal in self._goals if not goal.done()]
+        self._goals.append(self._pool.submit(asyncio.run, execution))
 
     def destroy(self):
-        """Wait for running goals and withdraw the action."""
+        """Wait for running goals and until their results are sent, and withdraw the action."""
+        running = not all(goal.done() for goal in self._goals)
         self._pool.shutdown()
+        if running and self._node.executor is not None:
+            sent = threading.Event()
+            self._node.executor.create_task(sent.set)  # after the tasks that send the results
+            sent.wait(_SENDING_TIMEOUT)
         super().destroy()
 
 
