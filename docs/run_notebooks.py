@@ -32,7 +32,9 @@ def main() -> int:
                 shutil.copytree(ROOT / name, place / name)
             notebook = nbformat.read(path, as_version=4)
             nbformat.validate(notebook)
-            manager = AsyncKernelManager(kernel_name="python3", transport="ipc")
+            # sockets of an absolute path, as the kernel starts in another folder
+            socket = Path(folder) / f"{path.stem}.socket"
+            manager = AsyncKernelManager(kernel_name="python3", transport="ipc", ip=str(socket))
             resources = {"metadata": {"path": str(place)}}
             client = NotebookClient(notebook, km=manager, timeout=TIMEOUT, resources=resources)
             try:
