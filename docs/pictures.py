@@ -118,13 +118,13 @@ def pictures() -> dict[str, Picture]:
             ("docs.plot_tracking", "OUT"), ("docs/plot_tracking.py", f"{EVALUATION}/tracked_tosses.py")
         ),
         "results/collisions.png": results("collisions"),
+        "results/reality_coverage.png": results("reality_coverage"),
         "results/collisions_time.png": results("collisions_time"),
         "calibration.png": experiment("calibration", "calibration"),
         "evaluation/orders.png": experiment("orders", "orders", "order_plots"),
         "evaluation/speed_against_error_cpu_time.png": experiment(
             "speed_against_error", "speed_against_error_cpu_time"
         ),
-        "evaluation/reality.png": experiment("reality", "reality", "reality_report"),
         "evaluation/work_precision.png": experiment("engines", "work_precision"),
     }
 

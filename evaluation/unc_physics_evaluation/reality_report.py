@@ -1,19 +1,17 @@
-"""The report on reality: scores, coverage, comparison with the outcomes of others, reliability."""
+"""The report on reality: scores, coverage, comparison with the outcomes of others."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import product
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import beta
 
 from .experiments import reality as x
-from .methods import MARGINAL, OURS, STILL, color, label
-from .plots import new_figure, save
+from .methods import MARGINAL, OURS, STILL, label
 from .results import Results, Rows
 from .scores import bootstrap, rms
 from .tables import number, table
@@ -67,16 +65,14 @@ def lines(rows: Rows) -> list[Line]:
 
 
 def reality_report(results: Results) -> str:
-    """The whole report in Markdown; writes both tables as CSV files, and draws the figure."""
+    """The whole report in Markdown; writes both tables as CSV files."""
     found = lines(results.rows("reality"))
     parts = []
     for name, head, cells in (("reality_scores", *_scores(found)), ("reality_coverage", *_coverage(found))):
         with open(results.folder / f"{name}.csv", "w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows([head, *cells])
         parts.append(table(head, cells))
-    path = results.figure("reality")
-    _draw(path, found)
-    return "\n".join([*parts, f"![Reliability](figures/{path.name})\n"])
+    return "\n".join(parts)
 
 
 def _scores(found: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
@@ -157,41 +153,3 @@ def binomial_interval(inside: int, count: int, level: float = 0.95) -> tuple[flo
     low = beta.ppf(tail, inside, count - inside + 1) if inside else 0.0
     high = beta.ppf(1.0 - tail, inside + 1, count - inside) if inside < count else 1.0
     return float(low), float(high)
-
-
-def _draw(path: Path, found: Sequence[Line]) -> None:
-    """Share of motions that regions of each level hold, over all sets and times."""
-    figure = new_figure(8.0, 4.2)
-    panels = figure.subplots(1, 2, sharey=True)
-    for ax, (quantity, title) in zip(
-        panels, ((x.POSITION_RANK, "positions"), (x.ROTATION_RANK, "rotations")), strict=True
-    ):
-        ax.plot([0, 1], [0, 1], color="#CCCCCC", linewidth=0.8)
-        for (method, given), style in _drawn(found):
-            own = [line for line in found if (line.method, line.given) == (method, given)]
-            ranks = np.sort(list(_ranks(own, quantity)))
-            if len(ranks):
-                share = (1.0 + np.arange(len(ranks))) / len(ranks)
-                ax.plot(ranks, share, style, color=color(method), label=own[0].title)
-        ax.set_title(title, fontsize=9)
-        ax.set_xlabel("region of", fontsize=8)
-        ax.set_xlim(0, 1)
-        ax.set_ylim(0, 1)
-    panels[0].set_ylabel("holds this share of motions", fontsize=8)
-    panels[0].legend(fontsize=8, frameon=False)
-    save(figure, path)
-
-
-def _drawn(found: Sequence[Line]) -> Iterator[tuple[tuple[str, str], str]]:
-    """Ours with both, and engines calibrated, or where that was not run, with their defaults."""
-    there = {(line.method, line.given) for line in found}
-    yield (OURS, x.DEFAULTS), "--"
-    yield (OURS, x.CALIBRATED), "-"
-    for engine in ("mujoco", "pybullet"):
-        calibrated = (engine, x.CALIBRATED) in there
-        yield (engine, x.CALIBRATED if calibrated else x.DEFAULTS), "-" if calibrated else "--"
-
-
-def _ranks(own: Sequence[Line], quantity: str) -> Iterator[float]:
-    for line, when in product(own, x.TIMES):
-        yield from line.values.get(f"{quantity} {when}", {}).values()

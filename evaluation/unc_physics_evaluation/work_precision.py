@@ -35,7 +35,8 @@ QUICK_RATES, QUICK_CONVERGED = (60, 240), 1000
 CHUNK = 5  # samples that run in turns with ours, so that a busy machine slows both alike
 OVER_UNIT = "cpu_time_over_ours"
 HEAD = (
-    "engine|steps in 1 s|CPU time [ms]|over unc_physics|median error of positions [mm]|of rotations [deg]"
+    f"engine|steps in 1 s|CPU time [ms]|over unc_physics at {UNIT} steps, in turns"
+    "|median error of positions [mm]|of rotations [deg]"
     "|same outcome|W1 of positions / floor [mm]|of rotations [deg]"
 )
 

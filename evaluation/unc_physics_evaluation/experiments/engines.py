@@ -99,7 +99,7 @@ def _times(job):
 def report(results: Results) -> str:
     """Times beside the goals, then errors over time."""
     rows = results.rows("engines").where(section=SPEED)
-    head = ["scene", "engine", "sleep", "CPU time [ms]", "over unc_physics"]
+    head = ["scene", "engine", "sleep", "CPU time [ms]", "median of paired ratios to unc_physics"]
     lines = []
     for scene, engine, sleeps in itertools.product(rows.unique("scene"), ENGINES, _SLEEP):
         found = rows.where(scene=scene, method=engine + _SLEEP[sleeps])

@@ -17,14 +17,10 @@ NODE = "measured"
 RATE = 10.0  # Hz, of the input
 CPU = "CPU time"
 STREAM, STANDING, SERVICE = "stream, velocities unknown", "stream, at rest", "service"
-#: Streams: objects, goals of output [Hz] and 95 % latency [ms]; output [Hz] and latency [ms] before 0.2.
-STREAMS = (
-    (1, 10.0, 60.0, "4.7", "270"),
-    (5, 10.0, 100.0, "1.5", "770"),
-    (10, 5.0, 200.0, "0.2 to 0.5", "1800 to 4900"),
-)
-#: Service: kind, objects, goal of the median latency [ms], number of calls; median [ms] before 0.2.
-SERVICES = ((BOX, 1, 15.0, 60, "44"), (TABLE, 5, 30.0, 60, "395"), (BIN, 10, 60.0, 5, "585 to 3500"))
+#: Streams: objects, goals of output [Hz] and 95 % latency [ms].
+STREAMS = (1, 10.0, 60.0), (5, 10.0, 100.0), (10, 5.0, 200.0)
+#: Service: kind, objects, goal of the median latency [ms], number of calls.
+SERVICES = (BOX, 1, 15.0, 60), (TABLE, 5, 30.0, 60), (BIN, 10, 60.0, 5)
 _FULL_RATE = 0.95  # share of the wanted rate that counts as reached
 _HORIZON = 1.0  # s, of the service's requests
 
@@ -44,7 +40,7 @@ def jobs(settings: Settings) -> list[Job]:
             "objects": count,
             "amount": min(calls, 10) if settings.quick else calls,
         }
-        for kind, count, _, calls, _ in SERVICES
+        for kind, count, _, calls in SERVICES
     ]
     return [Job("latency", settings.parameters(**part), cost=30.0, alone=True) for part in parts]
 
@@ -147,7 +143,7 @@ def _stream(node, make, seconds, pid):
 
 
 def report(results: Results) -> str:
-    """Rates and latencies beside those before 0.2 on a busy machine, and what is met."""
+    """Rates and latencies, and which goals are met."""
     head, *lines = _lines(results)
     return results.table("node_latency", head, lines) + goal_tables(_figures(results))
 
@@ -163,21 +159,19 @@ def _lines(results):
         "95 % latency [ms]",
         "goal [ms]",
         "CPU time [ms]",
-        "before 0.2: output [Hz]",
-        "before 0.2: latency [ms]",
     ]
     cases = [
-        (by, TABLE, count, f"{latency:g} (95 %)", rate_before, latency_before)
+        (by, TABLE, count, f"{latency:g} (95 %)")
         for by in (STREAM, STANDING)
-        for count, _, latency, rate_before, latency_before in STREAMS
+        for count, _, latency in STREAMS
     ]
-    cases += [(SERVICE, kind, n, f"{goal:g} (median)", "", before) for kind, n, goal, _, before in SERVICES]
-    for by, kind, count, goal, rate_before, before in cases:
+    cases += [(SERVICE, kind, count, f"{goal:g} (median)") for kind, count, goal, _ in SERVICES]
+    for by, kind, count, goal in cases:
         found = rows.where(by=by, scene=kind, objects=count)
         of = [found.where(quantity=q) for q in ("rate", "latency p50", "latency p95", CPU)]
         rate, p50, p95, spent = (number(one.median()) if one else "" for one in of)
         name = by if by != SERVICE else f"service, {kind}"
-        yield [name, str(count), rate, p50, p95, goal, spent, rate_before, before]
+        yield [name, str(count), rate, p50, p95, goal, spent]
 
 
 def _figures(results) -> dict[str, list[Figure]]:
@@ -189,19 +183,17 @@ def _figures(results) -> dict[str, list[Figure]]:
     found: dict[str, list[Figure]] = {}
     for by in (STREAM, STANDING):
         figures = found[f"Detections at {RATE:g} Hz: {by.removeprefix('stream, ')}"] = []
-        for count, rate, latency, rate_before, latency_before in STREAMS:
+        for count, rate, latency in STREAMS:
             of, case = {"by": by, "objects": count}, f"{count} cans on a table"
-            before = f"before 0.2: {rate_before} Hz"
-            figures.append(Figure("output", case, value("rate", **of), "Hz", _FULL_RATE * rate, note=before))
+            figures.append(Figure("output", case, value("rate", **of), "Hz", _FULL_RATE * rate))
             figures.append(Figure("median latency", case, value("latency p50", **of), "ms"))
-            before = f"before 0.2: {latency_before} ms"
             p95 = value("latency p95", **of)
-            figures.append(Figure("95 % latency", case, p95, "ms", latency, at_most=True, note=before))
+            figures.append(Figure("95 % latency", case, p95, "ms", latency, at_most=True))
             figures.append(Figure("CPU time of a prediction", case, value(CPU, **of), "ms"))
     figures = found["Calls of `~/predict`, one second ahead, default propagator"] = []
-    for kind, count, latency, _, before in SERVICES:
+    for kind, count, latency, _ in SERVICES:
         of, case = {"by": SERVICE, "scene": kind, "objects": count}, f"{count} objects, {kind}"
-        note = f"CPU {number(value(CPU, **of))} ms; before 0.2: {before} ms"
+        note = f"CPU {number(value(CPU, **of))} ms"
         p50 = value("latency p50", **of)
         figures.append(Figure("median latency", case, p50, "ms", latency, at_most=True, note=note))
     return found

@@ -124,7 +124,7 @@ def report(results: Results) -> str:
         each = 1e3 * found.where(quantity=ROLLOUT).median()
         share = found.where(quantity=ROLLOUT_RATIO, samples=None).median()
         lines.append([_name(engine, geometry), model, number(each), number(share)])
-    head = ["engine and shape", "model", "CPU time [ms]", "over unc_physics"]
+    head = ["engine and shape", "model", "CPU time [ms]", "median of paired ratios to unc_physics"]
     return f"{results.table('peers', head, lines)}\n{goal_tables(_figures(results))}"
 
 
