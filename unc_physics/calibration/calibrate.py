@@ -71,7 +71,7 @@ class Calibration:
     objective : tuple of 2 floats
         Mean score before and after, the lower the better.
     evaluations : int
-        Models that were tried.
+        Parameter sets that were tried.
     bounds : tuple of (float, float)
         Between which each value was sought.
     """
@@ -110,7 +110,8 @@ class Calibration:
                 found.append(f"{one.name} ends at the bound of what is sought, {one.value:.3g}")
         loose = [one.name for one in self.fitted if not one.determined]
         if loose:
-            found.append(f"the motions say little of {', '.join(loose)}: the prior holds")
+            names = ", ".join(loose)
+            found.append(f"the motions do not determine {names}: these values stay close to their priors")
         return tuple(found)
 
 

@@ -36,7 +36,7 @@ def draw_calibration(path, found: Calibration) -> None:
             ax.set_xlim(0, 1)
             ax.set_ylim(0, 1)
             if row:
-                ax.set_xlabel("region of", fontsize=8)
-        axes[row, 0].set_ylabel("holds this share of motions", fontsize=8)
+                ax.set_xlabel("nominal coverage", fontsize=8)
+        axes[row, 0].set_ylabel("observed coverage", fontsize=8)
     axes[0, 0].legend(fontsize=8, frameon=False)
     figure.savefig(path, dpi=130)

@@ -27,7 +27,7 @@ def as_table(found: Calibration) -> str:
     lines = ["  ".join(f"{cell:<{w}}" for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
     lines.append(
         f"score {found.objective[0]:.3f} before, {found.objective[1]:.3f} after, of {len(found.recorded)}"
-        f" motions and {found.evaluations} models; the lower the better"
+        f" motions and {found.evaluations} parameter sets; the lower the better"
     )
     for what, quantity in (("positions", "position_rank"), ("rotations", "rotation_rank")):
         shares = [
