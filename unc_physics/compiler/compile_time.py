@@ -9,7 +9,9 @@ from numba.core import event
 from .backend import FOLDER
 
 _EACH_TIME = "at every start, as no folder can be written: NUMBA_CACHE_DIR may name one"
-_HOW_OFTEN = "once for each kind of scene and method, up to two minutes" if FOLDER else _EACH_TIME
+#: How long the first use of a kind of scene and method compiles; the page on installation says it, too.
+FIRST_USE = "up to two minutes"
+_HOW_OFTEN = f"once for each kind of scene and method, {FIRST_USE}" if FOLDER else _EACH_TIME
 _PACKAGE = __name__.partition(".")[0]
 
 

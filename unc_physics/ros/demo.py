@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks.errors import OutputError, UncPhysicsError
+from ..compiler.compile_time import FIRST_USE
 from ..prediction.events import Upright
 from ..prediction.prediction import Prediction
 from ..propagators.names import ANYTIME, BUILT_IN, REFERENCE
@@ -62,7 +63,7 @@ def main(arguments=None) -> int:
         print(f"demo: {error}", file=sys.stderr)
         return int(error.code)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    print(f"Starting the node /{NODE}; a first start compiles for one to three minutes ...", flush=True)
+    print(f"Starting the node /{NODE}; a first start compiles for {FIRST_USE} ...", flush=True)
     with tempfile.TemporaryFile("w+") as log:
         node = subprocess.Popen(node_command(), stdout=log, stderr=subprocess.STDOUT)
         status = 1

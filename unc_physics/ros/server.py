@@ -19,6 +19,7 @@ from unc_physics_msgs.srv import ListModels, Predict
 
 from ..checks.errors import CanceledError, ErrorCode, NotReadyError, UncPhysicsError
 from ..checks.shown import printable
+from ..compiler.compile_time import FIRST_USE
 from ..compiler.refusal import CompilationRefused, refused_compilation
 from ..prediction import warm_up as core
 from ..prediction.prediction import Prediction
@@ -237,7 +238,7 @@ class PredictionServer:
                 message.prediction = PredictionMessage()
                 self._compile_for(request, str(refused))
                 raise NotReadyError(
-                    f"is being compiled for this request (kernel '{refused}'), which takes up to two minutes;"
+                    f"is being compiled for this request (kernel '{refused}'), which takes {FIRST_USE};"
                     " ask again, or set wait_for_compilation",
                     field="the node",
                 ) from None
