@@ -13,9 +13,9 @@ def add_calibrate_command(commands) -> None:
         "calibrate",
         help="fit friction, restitution, inertia and errors of the model to recorded motions",
         description=(
-            "Fit what a scene's model leaves open to recorded motions of its one body: each is predicted from"
-            " the state that its first poses, before contact, give, and compared with what came by proper"
-            " scores. Prints the fitted values with their uncertainty and lines to paste into the scene file."
+            "Fit uncertain values of a scene to recorded motions of its only body. Each motion is predicted"
+            " from its first poses, before contact. Proper scores compare it with the later poses."
+            " Prints the fitted values with their uncertainty, and lines to paste into the scene file."
         ),
         epilog=(
             "A CSV file has columns time [s], x, y, z [m], qx, qy, qz, qw and, for several motions, motion."
@@ -32,14 +32,16 @@ def add_calibrate_command(commands) -> None:
         ),
     )
     parser.add_argument(
-        "scene", metavar="SCENE.yaml", help="scene file with one body; its state and spreads do not count"
+        "scene",
+        metavar="SCENE.yaml",
+        help="scene file with one body; its state and standard deviations are ignored",
     )
     parser.add_argument(
         "--fit",
         nargs="+",
         metavar="NAME",
         help=(
-            "what to fit, of: friction, restitution, impact_friction_speed, inertia, height,"
+            "values to fit, of: friction, restitution, impact_friction_speed, inertia, height,"
             " impact_direction_std, impact_point_std, impact_friction_std, friction_std, restitution_std,"
             " surface_tilt_std, position_noise, rotation_noise (default: all)"
         ),
@@ -49,35 +51,37 @@ def add_calibrate_command(commands) -> None:
         type=float,
         nargs="+",
         metavar="T",
-        help="times after the start at which predictions are scored, beside the end [s]"
+        help="times after the start at which predictions are scored, in addition to the end [s]"
         " (default 0.1 0.2 0.4)",
     )
     parser.add_argument(
         "--samples",
         type=int,
         metavar="N",
-        help="samples of each prediction (default: 16 of 30 motions, more of fewer)",
+        help="samples of each prediction (default: 16 for 30 motions, more for fewer)",
     )
     parser.add_argument(
         "--evaluations",
         type=int,
         metavar="N",
-        help="models that the search tries (default 80); half as many sets of contact noise",
+        help="parameter sets that the search tries (default 80); half as many for contact noise",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the draws (default 0)")
-    parser.add_argument("--topic", metavar="NAME", help="of a rosbag, where several topics hold poses")
+    parser.add_argument("--topic", metavar="NAME", help="topic of the poses, if a rosbag has several")
     parser.add_argument(
         "--model-origin",
         action="store_true",
         help="positions are those of the model's own origin, as in ROS, not of the centre of mass",
     )
-    parser.add_argument("--picture", metavar="OUT.png", help="also draw reliability before and after")
+    parser.add_argument(
+        "--picture", metavar="OUT.png", help="also draw the coverage of regions before and after"
+    )
     parser.add_argument(
         "--contact-noise",
         type=float,
         nargs=2,
         metavar=("M", "RAD"),
-        help="also fit the contact noise of a tracker, which is given poses with these standard deviations",
+        help="also fit the contact noise of a tracker, for poses with these standard deviations",
     )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.set_defaults(run=run)

@@ -23,8 +23,8 @@ def add_pack_command(commands) -> None:
             " Mass properties are those of the mesh, at uniform density."
         ),
         epilog=(
-            "Any format that trimesh reads will do, at any scale; cavities and several components are fine. A"
-            " link of a robot or world, robot.urdf#LINK, brings its own scale, mass and inertia."
+            "All formats that trimesh reads are accepted. Cavities and several components are allowed. A link"
+            " of a robot or world, robot.urdf#LINK, has its own scale, mass and inertia."
         ),
     )
     parser.add_argument(
@@ -53,17 +53,17 @@ def add_pack_command(commands) -> None:
     parser.add_argument(
         "--repair",
         action="store_true",
-        help="try trimesh's repairs on a mesh that is open or wound wrongly, and say what they did",
+        help="try trimesh's repairs on a mesh that is open or has inverted faces, and report them",
     )
     parser.add_argument(
         "--uniform",
         action="store_true",
-        help="of a link: take centre of mass and inertia from its shape, in place of the file's",
+        help="of a link: compute centre of mass and inertia from its shape, in place of the file's",
     )
     parser.add_argument(
         "--largest-first",
         action="store_true",
-        help="all spheres in order of size: few of them fill the body best, but lack its edges and rims",
+        help="order all spheres by size: the first ones fill the body best, but leave out edges and rims",
     )
     _add_threads(parser)
     parser.set_defaults(run=run_pack)
@@ -74,20 +74,16 @@ def add_models_command(commands) -> None:
     parser = commands.add_parser(
         "models",
         help="list the models, or make them",
-        description=(
-            "List the models of the library, or with --make pack those that ship with the package anew."
-        ),
+        description=("List the models of the library. With --make, pack the models of this package again."),
     )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
-    parser.add_argument(
-        "--make", nargs="*", metavar="NAME", help="make these models (all when none is named)"
-    )
+    parser.add_argument("--make", nargs="*", metavar="NAME", help="pack these models again (default: all)")
     parser.add_argument(
         "-n",
         "--spheres",
         type=int,
         metavar="N",
-        help="number of spheres to make, in place of each model's own; the model is then NAME_N",
+        help="number of spheres, in place of each model's own; the model is then called NAME_N",
     )
     parser.add_argument(
         "--meshes",

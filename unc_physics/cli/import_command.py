@@ -20,10 +20,9 @@ def add_import_command(commands) -> None:
         "import",
         help="make a scene file of a URDF or SDF world",
         description=(
-            "Write a scene file with what a URDF or SDF file holds. Planes, boxes, spheres, cylinders and"
-            " capsules that do not move become its environment, and meshes fixed bodies, packed with spheres"
-            " beside the scene file; models that nothing holds become bodies that move. What is left out is"
-            " named."
+            "Convert a URDF or SDF file to a scene file. Static planes, boxes, spheres, cylinders and"
+            " capsules become the environment. Static meshes become fixed bodies, packed with spheres beside"
+            " the scene file. Models that can move become bodies. The command names what it leaves out."
         ),
     )
     parser.add_argument("world", metavar="WORLD", help="file that ends in .urdf, .sdf or .world")
@@ -39,7 +38,7 @@ def add_import_command(commands) -> None:
         help="position of a joint of a URDF [rad or m], which fixes all its links; may be repeated",
     )
     parser.add_argument(
-        "--repair", action="store_true", help="try trimesh's repairs on meshes that are no solids"
+        "--repair", action="store_true", help="try trimesh's repairs on meshes that are not closed"
     )
     parser.set_defaults(run=run_import)
 

@@ -31,7 +31,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = OneSentenceParser(
         prog="unc_physics",
         description="Predict where rigid objects will be, and how certain that is.",
-        epilog="Bad input ends with one sentence on standard error and an exit status that tells its kind "
+        epilog="Bad input ends with one sentence on standard error. The exit status is its error code "
         "(unc_physics.ErrorCode).",
     )
     parser.add_argument("--version", action="version", version=f"unc_physics {__version__}")
@@ -67,7 +67,7 @@ def _add_missing_evaluate(commands):
     """Add a command ``evaluate`` that prints how to install its package."""
     parser = commands.add_parser(
         "evaluate",
-        help="measure speed and error of all propagators (a package of its own, not installed)",
+        help="measure speed and error of all propagators (in another package, which is not installed)",
         add_help=False,
         prefix_chars="\0",  # accept options without parsing them
     )

@@ -34,7 +34,7 @@ def add_predict_command(commands) -> None:
         "--propagator",
         default=ANYTIME,
         metavar="NAME",
-        help=f"how uncertainty is propagated, by default {ANYTIME}: one of {', '.join(entries())}",
+        help=f"method that carries the uncertainty (default {ANYTIME}): one of {', '.join(entries())}",
     )
     parser.add_argument(
         "--samples", type=int, metavar="N", help="number of samples, for a propagator that draws them"
@@ -46,11 +46,11 @@ def add_predict_command(commands) -> None:
         default=[],
         type=_key_and_value,
         metavar="KEY=VALUE",
-        help="an option of the propagator, which the command 'propagators' tells; may be repeated",
+        help="option of the propagator; the command 'propagators' lists them; may be repeated",
     )
     parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
     parser.add_argument(
-        "--period", metavar="T", help="also report the states every T seconds on the way there"
+        "--period", metavar="T", help="also report the states every T seconds before the horizon"
     )
     parser.add_argument(
         "--time-limit", metavar="T", help="give up after computing for T seconds; compiling does not count"
@@ -58,36 +58,34 @@ def add_predict_command(commands) -> None:
     parser.add_argument(
         "--probabilities",
         action="store_true",
-        help="also report how probable contacts are, and that bodies are at rest at the end",
+        help="also report the probabilities of contacts, and of rest at the horizon",
     )
     parser.add_argument(
         "--event",
         action="append",
         default=[],
         metavar="EVENT",
-        help="also report how probable an event is, as in a file of actions: 'upright: cup'; may be repeated",
+        help="also report the probability of an event, such as 'upright: cup'; may be repeated",
     )
     parser.add_argument(
         "--status-rollouts",
         type=int,
         metavar="N",
         help=(
-            "check the spread of what rests on a single nominal rollout against N others, or 64 where fewer"
-            " leave it open (default 12; 0: do not, and flag what touched something as unchecked)"
+            "compare the spread of methods with one nominal rollout with N rollouts, and with 24 more if"
+            " these are not decisive (default 12; 0: no comparison, and bodies that touched something are"
+            " flagged as unchecked)"
         ),
     )
     parser.add_argument(
         "--picture",
         metavar="OUT.png",
-        help="also draw the prediction, from the side and from above; OUT.gif moves, with --period",
+        help="also draw the prediction, from the side and from above; OUT.gif is an animation, with --period",
     )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
     parser.add_argument(
-        "--samples-out",
-        type=int,
-        metavar="N",
-        help="with --json, also N states of each body that are drawn from the prediction",
+        "--samples-out", type=int, metavar="N", help="with --json: also print N sampled states of each body"
     )
     parser.set_defaults(run=run)
 

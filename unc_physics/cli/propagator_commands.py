@@ -10,7 +10,7 @@ def add_propagators_command(commands) -> None:
     parser = commands.add_parser(
         "propagators",
         help="list the propagators and their options",
-        description="List the propagators, those of other packages included: what each is, and its options.",
+        description="List all propagators, including those of other packages, with their options.",
     )
     parser.set_defaults(run=run_propagators)
 
@@ -31,8 +31,8 @@ def add_warm_up_command(commands) -> None:
     parser = commands.add_parser(
         "warm-up",
         help="compile kernels ahead",
-        description="Compile what predictions by these propagators need, or load it where it is compiled, so"
-        " that no first prediction waits for it. Each processor core compiles for another propagator.",
+        description="Compile the kernels of these propagators, so that first predictions start at once. Each"
+        " processor core compiles for another propagator.",
     )
     parser.add_argument(
         "propagators", nargs="*", metavar="PROPAGATOR", help="names of propagators (default: all)"
@@ -41,8 +41,8 @@ def add_warm_up_command(commands) -> None:
         "--physics",
         choices=("everyday", "paper"),
         default="everyday",
-        help="for scenes of this physics; propagators that do not run on it are made ready for the paper's"
-        " (default: everyday)",
+        help="physics of the scenes (default: everyday); propagators that do not support it are compiled for"
+        " the paper's",
     )
     parser.set_defaults(run=run_warm_up)
 

@@ -13,26 +13,28 @@ def add_rank_command(commands) -> None:
     """Add the parser of ``rank`` to the command line's subparsers."""
     parser = commands.add_parser(
         "rank",
-        help="rank what a robot may do by its probability of success",
+        help="rank actions by their probability of success",
         description=(
             "Simulate a scene after each of several actions, all with the same random draws, and rank the"
-            " actions by how probable it is that they succeed. Clear losers get few rollouts."
+            " actions by their probability of success. Clear losers get few rollouts."
         ),
     )
-    parser.add_argument(
-        "actions", metavar="ACTIONS.yaml", help="file that names a scene, actions, and what counts as success"
-    )
+    parser.add_argument("actions", metavar="ACTIONS.yaml", help="file with a scene, actions and a score")
     parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the file's")
     parser.add_argument(
-        "--rollouts", type=int, default=1000, metavar="N", help="most rollouts of one action (default 1000)"
+        "--rollouts",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="maximum number of rollouts of one action (default 1000)",
     )
     parser.add_argument(
         "--budget",
         type=int,
         metavar="N",
         help=(
-            "most rollouts of all actions together; by default a fifth of N for each, but as many as two may"
-            " take"
+            "maximum number of rollouts of all actions together (default: a fifth of --rollouts for each"
+            " action, at least twice --rollouts)"
         ),
     )
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the draws (default 0)")

@@ -16,7 +16,9 @@ def add_schema_command(commands) -> None:
         description="JSON schema (draft 2020-12) of scene files, of the files of actions that 'rank' reads,"
         " or of what 'predict --json' prints.",
     )
-    parser.add_argument("what", choices=SCHEMAS, metavar=f"{{{','.join(SCHEMAS)}}}", help="of which format")
+    parser.add_argument(
+        "what", choices=SCHEMAS, metavar=f"{{{','.join(SCHEMAS)}}}", help="format that the schema describes"
+    )
     parser.set_defaults(run=run)
 
 

@@ -17,8 +17,8 @@ def add_view_command(commands) -> None:
         "view",
         help="look at a prediction in the browser",
         description=(
-            "Open a page in the browser that shows the scene move, with samples, ellipsoids and"
-            " probabilities. Another propagator or another uncertainty predicts anew at once. Ctrl-C ends it."
+            "Show the prediction of a scene in the browser, with samples, ellipsoids and probabilities. The"
+            " page predicts again when its propagator or an uncertainty is changed. Ctrl-C ends it."
         ),
     )
     parser.add_argument("scene", metavar="SCENE.yaml", help="scene file")
@@ -26,7 +26,7 @@ def add_view_command(commands) -> None:
         "--propagator",
         default=DEFAULT,
         metavar="NAME",
-        help=f"with which to begin, by default {DEFAULT}: one of {', '.join(entries())}",
+        help=f"propagator of the first prediction (default {DEFAULT}): one of {', '.join(entries())}",
     )
     parser.add_argument(
         "--option",
@@ -34,11 +34,15 @@ def add_view_command(commands) -> None:
         default=[],
         type=_key_and_value,
         metavar="KEY=VALUE",
-        help="an option of that propagator; may be repeated",
+        help="option of that propagator; may be repeated",
     )
     parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
-    parser.add_argument("--frames", type=int, default=60, metavar="N", help="how many times are shown (60)")
-    parser.add_argument("--ghosts", type=int, default=30, metavar="N", help="how many samples are drawn (30)")
+    parser.add_argument(
+        "--frames", type=int, default=60, metavar="N", help="number of times that are shown (default 60)"
+    )
+    parser.add_argument(
+        "--ghosts", type=int, default=30, metavar="N", help="number of samples that are drawn (default 30)"
+    )
     parser.add_argument(
         "--mesh",
         action="append",
@@ -48,11 +52,11 @@ def add_view_command(commands) -> None:
         help="draw a body as the mesh that its model was packed from; may be repeated",
     )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
-    parser.add_argument("--record", metavar="FILE.html", help="write a page that stands alone, and end")
+    parser.add_argument("--record", metavar="FILE.html", help="write a self-contained page, and exit")
     parser.add_argument(
         "--host",
         default="127.0.0.1",
-        help="address to listen on (default 127.0.0.1: this machine alone); whoever reaches it can look",
+        help="address to listen on (default 127.0.0.1: this machine only); whoever reaches it can use it",
     )
     parser.add_argument("--port", type=int, default=8080, help="port to listen on (default 8080)")
     parser.add_argument("--no-open", action="store_true", help="only print the page's address")

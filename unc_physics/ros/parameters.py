@@ -146,40 +146,43 @@ class Settings:
 
     status_rollouts: int = parameter(
         0,
-        "Rollouts with which the status compares the spread of propagators that have a single nominal one,"
-        " and of chosen points whose answer bends or turns far; where they leave it open, 64 at least do; 0:"
-        " none, and a nominal one's spread after a contact is flagged as unchecked. They take as long as a"
-        " prediction from as many samples.",
+        "Number of rollouts with which the status compares the spread of propagators with one nominal"
+        " rollout, and of chosen points that move unevenly or turn far; 24 more if these are not decisive. 0:"
+        " no comparison; the spread of one nominal rollout after a contact is then flagged as unchecked.",
         low=0,
         high=1000,
     )
 
-    max_horizon: float = parameter(60.0, "Longest horizon of a request [s].", low=0.0, high=1e6)
-    max_steps: int = parameter(100_000, "Most time steps of a prediction.", low=1, high=100_000_000)
-    max_objects: int = parameter(100, "Most objects of a request.", low=1, high=10_000)
-    max_spheres: int = parameter(100_000, "Most spheres of one object.", low=1, high=10_000_000)
-    max_elements: int = parameter(200, "Most elements of an environment.", low=0, high=10_000)
-    max_regions: int = parameter(100, "Most regions of a request.", low=0, high=10_000)
+    max_horizon: float = parameter(60.0, "Maximum horizon of a request [s].", low=0.0, high=1e6)
+    max_steps: int = parameter(
+        100_000, "Maximum number of time steps of a prediction.", low=1, high=100_000_000
+    )
+    max_objects: int = parameter(100, "Maximum number of objects of a request.", low=1, high=10_000)
+    max_spheres: int = parameter(100_000, "Maximum number of spheres of one object.", low=1, high=10_000_000)
+    max_elements: int = parameter(200, "Maximum number of elements of an environment.", low=0, high=10_000)
+    max_regions: int = parameter(100, "Maximum number of regions of a request.", low=0, high=10_000)
     max_flight_steps: int = parameter(
         4_000,
-        "Most time steps, times the moving objects, for which flights up to the first contacts bound"
-        " probabilities; beyond, intervals are 0 to 1 for propagators without samples.",
+        "Maximum number of time steps, times moving objects, of flights up to the first contacts. Beyond it,"
+        " intervals of probabilities are 0 to 1 for propagators without samples.",
         low=0,
         high=100_000_000,
     )
     max_samples: int = parameter(
         20_000,
-        "Most samples of a sampled propagator; a default above it is lowered to it.",
+        "Maximum number of samples of a propagator; a larger default is lowered to it.",
         low=1,
         high=10_000_000,
     )
-    max_states: int = parameter(1_000, "Most states in the trajectory of one object.", low=1, high=100_000)
+    max_states: int = parameter(
+        1_000, "Maximum number of states in the trajectory of one object.", low=1, high=100_000
+    )
     max_return_samples: int = parameter(
-        1_000, "Most pose samples for each object and time.", low=0, high=1_000_000
+        1_000, "Maximum number of pose samples for each object and time.", low=0, high=1_000_000
     )
     max_response_bytes: int = parameter(
         16_000_000,
-        "Most bytes of one answer, as far as states, samples and covariances go.",
+        "Maximum size of the states, samples and covariances of one answer [bytes].",
         low=10_000,
         high=2**31,
     )
@@ -201,9 +204,9 @@ class Settings:
         600.0, "Longest wall time of a goal of the action [s]; goals may ask for less.", low=1e-3, high=1e6
     )
 
-    max_candidates: int = parameter(100, "Most candidates of a request.", low=1, high=10_000)
+    max_candidates: int = parameter(100, "Maximum number of candidates of a request.", low=1, high=10_000)
     max_long_predictions: int = parameter(
-        2, "Most goals of the action that are computed at a time.", low=1, high=4, read_only=True
+        2, "Maximum number of goals of the action that are computed at a time.", low=1, high=4, read_only=True
     )
 
     horizons: tuple[float, ...] = parameter(
