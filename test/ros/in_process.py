@@ -7,8 +7,7 @@ from unc_physics.ros.messages.prediction import write_answer
 from unc_physics.ros.messages.request import read_request
 from unc_physics_msgs.srv import Predict
 
-FRAMES = object.__new__(Frames)  # of no node: it has the world's frame alone
-FRAMES._world_frame, FRAMES._buffer = "world", None
+FRAMES = Frames()
 
 
 def answer_to(request, settings, library, computed=lambda job: True):

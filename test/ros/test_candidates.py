@@ -31,8 +31,10 @@ from unc_physics.prediction.rank import rank_candidates
 from unc_physics.ros import Client as CoreClient
 from unc_physics.ros import candidates as node_candidates
 from unc_physics.ros.messages.fields import duration, seconds, write_error
+from unc_physics.ros.messages.frames import Frames
+from unc_physics.ros.messages.query import Query
 from unc_physics.ros.messages.ranking import read_ranking
-from unc_physics.ros.messages.request import Query, read_request
+from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 from unc_physics.scene.marks import Mark
@@ -116,28 +118,26 @@ def test_a_ranking_that_is_ended_holds_what_was_ranked(monkeypatch):
     settings, library = Settings(zero_covariance="exact"), ModelLibrary()
     server = SimpleNamespace(
         settings=settings,
-        library=library,
-        frames=SimpleNamespace(to_world=lambda header: None),
+        read=lambda request, **how: read_request(request, settings, library, Frames(), **how),
         diagnostics=SimpleNamespace(predicted=lambda prediction: None),
         errors_into=lambda result: contextlib.nullcontext(),
         check_open=lambda: None,
-        environment=SimpleNamespace(complete=lambda scene: scene),
     )
-    entries, error = node_candidates._rank_candidates(server, request, 3, 0.3)
-    assert [(entry.candidate, entry.result.error_code) for entry in entries] == [("over", 0), ("beside", 0)]
-    response = PredictCandidates.Response(predictions=entries, seed=3)
+    candidates = node_candidates.RequestedCandidates(server, request, 3)
+    error = candidates.rank(0.3)
+    codes = [(entry.candidate, entry.result.error_code) for entry in candidates.entries]
+    assert codes == [("over", 0), ("beside", 0)]
+    response = PredictCandidates.Response(predictions=candidates.entries, seed=3)
     write_error(response.result, error)
-    found = read_request(request.request, settings, library, server.frames)
+    found = server.read(request.request)
     query = Query(
-        found.scene,
-        found.belief,
-        found.propagator,
-        3,
-        [Mark(120, 0.0, 0.5)],
-        None,
-        0,
-        found.regions,
-        found.outputs,
+        scene=found.scene,
+        belief=found.belief,
+        propagator=found.propagator,
+        marks=[Mark(120, 0.0, 0.5)],
+        seed=3,
+        regions=found.regions,
+        outputs=found.outputs,
     )
     queries = {"over": query, "beside": query}
     with pytest.raises(PredictionTimeoutError) as raised:

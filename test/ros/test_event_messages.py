@@ -7,8 +7,8 @@ import pytest
 from unc_physics import AtRest, FellOff, Upright
 from unc_physics.checks.errors import NotSupportedError
 from unc_physics.prediction.events import EVENTS, BodyEvent, argument
-from unc_physics.ros.client import _split_events
 from unc_physics.ros.messages.events import EVENT_MESSAGES, message_of, object_events
+from unc_physics.ros.messages.query import split_events
 from unc_physics.ros.messages.ranking import write_score
 from unc_physics_msgs.msg import PredictedObject, Score
 
@@ -55,4 +55,4 @@ def test_a_class_without_a_message_is_refused():
 )
 def test_events_that_an_answer_lacks_are_refused_by_their_argument(event, message):
     with pytest.raises(NotSupportedError, match=message):
-        _split_events([event])
+        split_events([event])

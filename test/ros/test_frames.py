@@ -50,7 +50,7 @@ def frames(monkeypatch):
     module.Buffer, module.TransformListener = Tf2.Buffer, Tf2.TransformListener
     module.__spec__ = types.SimpleNamespace()
     monkeypatch.setitem(sys.modules, "tf2_ros", module)
-    return Frames(None, "world")
+    return Frames(object(), "world")
 
 
 def test_poses_velocities_and_covariances_against_drawn_poses(frames):

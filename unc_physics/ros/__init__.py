@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .client import Client as Client
-    from .client import TrackedPrediction as TrackedPrediction
     from .lifecycle_node import UncPhysicsLifecycleNode as UncPhysicsLifecycleNode
     from .messages.planning_scene import request_of_planning_scene as request_of_planning_scene
     from .messages.tracking import TrackedBody as TrackedBody
+    from .messages.tracking import TrackedPrediction as TrackedPrediction
     from .node import UncPhysicsNode as UncPhysicsNode
 
 _MODULES = {
     "Client": "client",
     "TrackedBody": "messages.tracking",
-    "TrackedPrediction": "client",
+    "TrackedPrediction": "messages.tracking",
     "UncPhysicsLifecycleNode": "lifecycle_node",
     "UncPhysicsNode": "node",
     "request_of_planning_scene": "messages.planning_scene",

@@ -6,6 +6,7 @@ import copy
 import os
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 from unc_physics_msgs.msg import CandidatePrediction
 from unc_physics_msgs.srv import PredictCandidates
@@ -18,6 +19,7 @@ from ..checks.errors import (
     LimitExceededError,
     NotSupportedError,
     PredictionTimeoutError,
+    UncPhysicsError,
 )
 from ..checks.names import hint
 from ..prediction.candidates import Candidate, Failed
@@ -26,7 +28,7 @@ from ..propagators.names import REFERENCE
 from .messages.fields import duration, write_error
 from .messages.prediction import write_answer
 from .messages.ranking import read_score, write_ranked_action
-from .messages.request import read_request
+from .messages.request import Job
 from .messages.scene import FieldNames
 from .services import BackgroundService
 
@@ -45,151 +47,148 @@ class CandidatesService:
         self._pool.shutdown(wait=False)
 
     def _predict(self, request, response):
-        started = time.perf_counter()
-        with self._server.errors_into(response.result):
-            settings = self._server.settings
-            _check(request, settings)
+        started, server = time.perf_counter(), self._server
+        with server.errors_into(response.result):
+            _check(request, server.settings)
             if request.score:
                 request.request = _with_reference(request.request)
-            base = read_request(
-                request.request,
-                settings,
-                self._server.library,
-                self._server.frames,
-                time_limit=settings.max_computation_time,
-                complete=self._server.environment.complete,
-            )
-            size = base.answer_bytes() * len(request.candidates)
-            if size > settings.max_response_bytes:
+            base = server.read(request.request, time_limit=server.settings.max_computation_time)
+            size, limit = base.answer_bytes() * len(request.candidates), server.settings.max_response_bytes
+            if size > limit:
                 raise LimitExceededError(
-                    f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer"
-                    " states, samples or candidates",
+                    f"would take {size} bytes, and the limit is {limit}; ask for fewer states, samples or"
+                    " candidates",
                     field="the answer",
                 )
             response.seed = base.seed
+            candidates = RequestedCandidates(server, request, base.seed)
             if request.score:
-                self._rank(request, response, base)
-                response.computation_time = duration(time.perf_counter() - started)
-                return
-            deadline = None if base.max_computation_time is None else started + base.max_computation_time
-            response.predictions = list(
-                self._pool.map(
-                    lambda k: self._candidate(request, k, base.seed, deadline), range(len(request.candidates))
-                )
-            )
-            late = [entry for entry in response.predictions if entry.result.error_code == ErrorCode.TIMEOUT]
-            if late:
-                response.result = late[0].result
+                error = candidates.rank(base.max_computation_time)
+                if error is not None:
+                    write_error(response.result, error)
+            else:
+                candidates.predict(self._pool, started, base.max_computation_time)
+                late = [own for own in candidates.entries if own.result.error_code == ErrorCode.TIMEOUT]
+                if late:
+                    response.result = late[0].result
+            response.predictions = candidates.entries
         response.computation_time = duration(time.perf_counter() - started)
 
-    def _rank(self, request, response, base):
-        """Write the candidates' entries, ordered by their score."""
-        entries, error = _rank_candidates(self._server, request, base.seed, base.max_computation_time)
-        response.predictions = entries
-        if error is not None:
-            write_error(response.result, error)
 
-    def _candidate(self, request, k, seed, deadline):
-        """Return the entry of candidate k, whose prediction ends at the deadline."""
-        entry = CandidatePrediction(candidate=request.candidates[k].id)
-        left = None if deadline is None else max(deadline - time.perf_counter(), 1e-3)
-        with self._server.errors_into(entry.result):
-            own, fields = _with_candidate(request, k)
-            own.seed = seed
-            self._server.answer(entry, own, time_limit=left, fields=fields)
-        return entry
-
-
-def _rank_candidates(server, request, seed: int, time_limit: float | None):
-    """Return the entries of all candidates by score; entries with an error are last.
+class RequestedCandidates:
+    """Candidates of one request, and their entries in its answer.
 
     Parameters
     ----------
     server : PredictionServer
     request : PredictCandidates.Request
     seed : int
-    time_limit : float or None
-        Longest wall time [s].
+        Seed of all candidates.
 
-    Returns
-    -------
+    Attributes
+    ----------
     entries : list of CandidatePrediction
-    error : UncPhysicsError or None
-        Error that ended the ranking early.
-
-    Raises
-    ------
-    UncPhysicsError
-        If the score or the shared part of the request is invalid.
+        In the order of the request; after `rank` by score, and entries with an error are last.
     """
-    entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
-    jobs = {}
-    for k, entry in enumerate(entries):
-        with server.errors_into(entry.result):
-            own, fields = _with_candidate(request, k)
-            own.seed = seed
-            jobs[k] = read_request(
-                own,
-                server.settings,
-                server.library,
-                server.frames,
-                fields=fields,
-                complete=server.environment.complete,
-            )
-    order, error = [], None
-    while jobs:
-        try:
-            ranking = _ranking(server, request, [*jobs.values()], time_limit)
-            order = _write(server, request, ranking, jobs, entries)
-            break
-        except Failed as failed:  # rank the others without it
-            k = [*jobs][failed.candidate]
-            jobs.pop(k)
-            write_error(entries[k].result, failed.error)
-            server.diagnostics.failed(str(failed.error))
-        except (PredictionTimeoutError, CanceledError) as caught:
-            error = caught
-            if caught.prediction is not None:
-                order = _write(server, request, caught.prediction, jobs, entries)
-            for k in jobs.keys() - set(order):
-                write_error(entries[k].result, caught)
-            break
-    return [entries[k] for k in order] + [entry for k, entry in enumerate(entries) if k not in order], error
 
+    def __init__(self, server, request, seed: int):
+        self._server, self._request, self._seed = server, request, seed
+        self.entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
 
-def _ranking(server, request, jobs, time_limit):
-    """Return the ranking of some candidates' jobs."""
-    first = jobs[0]
-    score = read_score(request.score, first.regions, first.scene)
-    candidates = [Candidate(str(k), job.scene, job.belief) for k, job in enumerate(jobs)]
+    def predict(self, pool: ThreadPoolExecutor, started: float, time_limit: float | None) -> None:
+        """Predict all candidates concurrently within ``time_limit`` [s] after ``started``."""
+        list(pool.map(lambda k: self._predict(k, started, time_limit), range(len(self.entries))))
 
-    return rank_candidates(
-        candidates,
-        first.propagator,
-        score.event,
-        first.horizon,
-        times=first.times,
-        smallest_first=score.smallest_first,
-        budget=request.budget or None,
-        max_computation_time=time_limit,
-        progress=lambda done, budget: server.check_open(),
-    )
+    def rank(self, time_limit: float | None) -> UncPhysicsError | None:
+        """Rank all candidates, and order their entries.
 
+        Parameters
+        ----------
+        time_limit : float or None
+            Longest wall time [s].
 
-def _write(server, request, ranking, jobs, entries):
-    """Write a ranking into the candidates' entries; return their order."""
-    order, places = [], [*jobs]
-    for action in ranking:
-        k = places[int(action.name)]
-        entry, prediction, job = entries[k], action.prediction, jobs[k]
-        with server.errors_into(entry.result):
-            own = job._replace(propagator=prediction.propagator)
-            write_answer(entry.prediction, request.request.scene.header, server.settings, own, prediction)
-            write_ranked_action(entry, action)
-            server.diagnostics.predicted(prediction)
-        if entry.result.error_code == ErrorCode.NONE:
-            order.append(k)
-    return order
+        Returns
+        -------
+        UncPhysicsError or None
+            Error that ended the ranking early.
+
+        Raises
+        ------
+        UncPhysicsError
+            If the score or the shared part of the request is invalid.
+        """
+        jobs: dict[int, Job] = {}
+        for k, entry in enumerate(self.entries):
+            with self._server.errors_into(entry.result):
+                own, fields = self._own_request(k)
+                jobs[k] = self._server.read(own, fields=fields)
+        order: list[int] = []
+        ended = None
+        while jobs:
+            try:
+                order = self._write(self._ranking([*jobs.values()], time_limit), jobs)
+                break
+            except Failed as failed:  # rank the others without it
+                k = [*jobs][failed.candidate]
+                jobs.pop(k)
+                write_error(self.entries[k].result, failed.error)
+                self._server.diagnostics.failed(str(failed.error))
+            except (PredictionTimeoutError, CanceledError) as error:
+                ended = error
+                if error.prediction is not None:
+                    order = self._write(error.prediction, jobs)
+                for k in jobs.keys() - set(order):
+                    write_error(self.entries[k].result, error)
+                break
+        others = [k for k in range(len(self.entries)) if k not in order]
+        self.entries = [self.entries[k] for k in [*order, *others]]
+        return ended
+
+    def _predict(self, k, started, time_limit):
+        """Write the entry of candidate k."""
+        entry = self.entries[k]
+        if time_limit is not None:
+            time_limit = max(started + time_limit - time.perf_counter(), 1e-3)
+        with self._server.errors_into(entry.result):
+            own, fields = self._own_request(k)
+            self._server.answer(entry, own, time_limit=time_limit, fields=fields)
+
+    def _own_request(self, k):
+        """Return the request of candidate k, and the names of its objects and actions in error messages."""
+        own, fields = _with_candidate(self._request, k)
+        own.seed = self._seed
+        return own, fields
+
+    def _ranking(self, jobs, time_limit):
+        """Return the ranking of some candidates' jobs."""
+        first = jobs[0]
+        score = read_score(self._request.score, first.regions, first.scene)
+        return rank_candidates(
+            [Candidate(str(k), job.scene, job.belief) for k, job in enumerate(jobs)],
+            first.propagator,
+            score.event,
+            first.horizon,
+            times=first.times,
+            smallest_first=score.smallest_first,
+            budget=self._request.budget or None,
+            max_computation_time=time_limit,
+            progress=lambda done, budget: self._server.check_open(),
+        )
+
+    def _write(self, ranking, jobs):
+        """Write a ranking into the entries; return the indices of those without an error, best first."""
+        order, ranked = [], [*jobs]
+        header = self._request.request.scene.header
+        for action in ranking:
+            k, prediction = ranked[int(action.name)], action.prediction
+            entry, job = self.entries[k], replace(jobs[k], propagator=prediction.propagator)
+            with self._server.errors_into(entry.result):
+                write_answer(entry.prediction, header, self._server.settings, job, prediction)
+                write_ranked_action(entry, action)
+                self._server.diagnostics.predicted(prediction)
+            if entry.result.error_code == ErrorCode.NONE:
+                order.append(k)
+        return order
 
 
 def _with_candidate(request, k):

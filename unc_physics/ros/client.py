@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
@@ -27,25 +25,21 @@ from unc_physics_msgs.srv import (
 )
 
 from ..checks.errors import (
-    DuplicateIdError,
     InvalidModelError,
     InvalidRequestError,
-    LimitExceededError,
     NotActiveError,
     NotSupportedError,
     UncPhysicsError,
     UnknownModelError,
 )
-from ..checks.validation import instance, integer, number, positive
+from ..checks.validation import instance, number, positive
 from ..geometry.packing_file import SpherePacking
 from ..prediction.actions import Action, apply_action
-from ..prediction.events import Event, FellOff, InRegion, Touches, checked_events
+from ..prediction.events import Event
 from ..prediction.prediction import Prediction
 from ..prediction.rank import Ranking
-from ..prediction.request_checks import check_supported, marks_of
 from ..propagators.base import Propagator
 from ..propagators.names import DEFAULT, REFERENCE
-from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.scene import Scene
@@ -53,14 +47,15 @@ from ..tracking.measurements import PoseMeasurement
 from .connection import Connection
 from .messages.actions import write_actions
 from .messages.environment import write_region
-from .messages.events import message_of, object_events
-from .messages.fields import duration, nanoseconds, read_error, seconds, stamp_of
+from .messages.fields import duration, read_error, stamp_of
 from .messages.prediction import read_answer
+from .messages.query import Options, Query, RequestedOutputs, make_query, split_events, whole_number
 from .messages.ranking import read_candidate, read_ranking, write_candidate, write_score
-from .messages.request import Query, RequestedOutputs, read_physics, write_request
-from .messages.scene import read_scene, write_object
-from .messages.tracking import TrackedBody, read_tracked, write_measurement
-from .models import ModelLibrary
+from .messages.request import write_request
+from .messages.scene import write_object
+from .messages.tracking import TrackedBody, TrackedPrediction, read_fork, read_tracked, write_measurement
+from .models import GivenPackings, ModelLibrary
+from .newest_message import NewestMessage
 from .services import LATCHED
 from .streams import topic_name
 
@@ -72,32 +67,6 @@ _PACKING_POLL_PERIOD = 0.2  # s
 _DISCOVERY_POLL_PERIOD = 0.01  # s
 _QUEUED = 20  # messages that wait in the middleware
 _RESET_TIMEOUT = 0.5  # s, until the tracker's message after a reset arrives
-
-
-class Options(TypedDict, total=False):
-    """Keywords that `Client.predict` and other methods accept."""
-
-    times: Sequence[float] | None
-    seed: int | None
-    samples: int | None
-    max_computation_time: float | None
-    keep_samples: int
-    events: Iterable[Event]
-    modes: bool
-    joint_covariance: bool | None
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedPrediction(Prediction):
-    """Prediction from what a node's tracker knows.
-
-    Attributes
-    ----------
-    stamp : float
-        The tracker's time, on the clock of the observations [s]: time 0 of the prediction.
-    """
-
-    stamp: float = 0.0
 
 
 class Client:
@@ -141,7 +110,7 @@ class Client:
             ModelList, f"{self._server}/models", self._keep_models, LATCHED
         )
         self._topics = threading.Lock()
-        self._tracked: _Newest | None = None
+        self._tracked: NewestMessage | None = None
         self._observers: dict[str, Any] = {}
         self._library: ModelLibrary | None = None
 
@@ -171,15 +140,7 @@ class Client:
         belief: Belief,
         propagator: str | Propagator = DEFAULT,
         horizon: float | None = None,
-        *,
-        times: Sequence[float] | None = None,
-        seed: int | None = None,
-        samples: int | None = None,
-        max_computation_time: float | None = None,
-        keep_samples: int = 0,
-        events: Iterable[Event] = (),
-        modes: bool = False,
-        joint_covariance: bool | None = None,
+        **options: Unpack[Options],
     ) -> Prediction:
         """Predict where the bodies of a scene will be, and how certain that is.
 
@@ -231,20 +192,7 @@ class Client:
             The node's error, of the class that `unc_physics.predict` raises. The ``prediction`` of
             `PredictionTimeoutError` ends at the time reached.
         """
-        query = self._query(
-            scene,
-            belief,
-            propagator,
-            horizon,
-            times=times,
-            seed=seed,
-            samples=samples,
-            max_computation_time=max_computation_time,
-            keep_samples=keep_samples,
-            events=events,
-            modes=modes,
-            joint_covariance=joint_covariance,
-        )
+        query = make_query(scene, belief, propagator, horizon, **options)
         request = self._request(query)
         answer = self._connection.call(Predict, "predict", Predict.Request(request=request))
         return read_answer(answer.result, answer.prediction, query)
@@ -293,7 +241,7 @@ class Client:
         if not candidates:
             raise InvalidRequestError("must name at least one candidate", field="candidates")
         queries = {
-            name: self._query(scene, belief, propagator, horizon, **options)
+            name: make_query(scene, belief, propagator, horizon, **options)
             for name, belief in candidates.items()
         }
         for name, belief in candidates.items():
@@ -362,11 +310,11 @@ class Client:
             raise InvalidRequestError("must name at least one action", field="actions")
         messages, asked = write_score(score, smallest_first)
         options["events"] = [*options.get("events", ()), *asked]
-        options["samples"] = _whole(rollouts, "rollouts", 32)
-        base = self._query(scene, belief, REFERENCE, horizon, **options)
+        options["samples"] = whole_number(rollouts, "rollouts", 32)
+        base = make_query(scene, belief, REFERENCE, horizon, **options)
         fields = {name: f"actions[{name!r}]" for name in actions}
         queries = {
-            name: self._query(
+            name: make_query(
                 *apply_action(scene, belief, action, fields[name]), REFERENCE, horizon, **options
             )
             for name, action in actions.items()
@@ -378,7 +326,7 @@ class Client:
                 for name, query in queries.items()
             ],
             score=messages,
-            budget=_whole(budget, "budget", 32),
+            budget=whole_number(budget, "budget", 32),
         )
         answer = self._connection.call(PredictCandidates, "predict_candidates", request)
         return read_ranking(answer, queries, score, smallest_first)
@@ -414,7 +362,7 @@ class Client:
         UncPhysicsError
             As `predict`, and exceptions from ``progress``.
         """
-        query = self._query(scene, belief, propagator, horizon, **options)
+        query = make_query(scene, belief, propagator, horizon, **options)
         goal = PredictLong.Goal(request=self._request(query))
         steps = query.marks[-1].count
 
@@ -512,11 +460,11 @@ class Client:
         """
         return read_tracked(self._tracked_topic().next(self._timeout))
 
-    def _tracked_topic(self) -> _Newest:
+    def _tracked_topic(self) -> NewestMessage:
         topic = f"{self._server}/tracked"
         with self._topics:
             if self._tracked is None:
-                self._tracked = _Newest(self._connection.node, TrackedObjects, topic)
+                self._tracked = NewestMessage(self._connection.node, TrackedObjects, topic)
             return self._tracked
 
     def fork(
@@ -565,10 +513,10 @@ class Client:
         asked = [positive(one, "times") for one in times or ()]
         if horizon is not None and positive(horizon, "horizon") not in asked:
             asked.append(horizon)
-        regions, probabilities = _split_events(events)
+        regions, probabilities = split_events(events)
         joint = bool(joint_covariance)
         outputs = RequestedOutputs(not joint, joint, probabilities, bool(modes), center_of_mass=True)
-        keep_samples = _whole(keep_samples, "keep_samples", 32)
+        keep_samples = whole_number(keep_samples, "keep_samples", 32)
         request = Fork.Request(
             times=[duration(one) for one in asked[:-1]],
             regions=[write_region(region) for region in regions],
@@ -586,23 +534,9 @@ class Client:
         answer = self._connection.call(Fork, "fork", request)
         if answer.result.error_code:
             raise read_error(answer.result)
-        message = answer.prediction
-        physics = read_physics(message.physics, {})
         if self._library is None:
             self._library = ModelLibrary()
-        read = read_scene(
-            answer.scene, _Packings(models or {}, self._library), physics, actions=answer.actions
-        )
-        by_id = {own.id: own for own in message.objects}
-        message.objects = [by_id[body.name] for body in read.scene.bodies]
-        marks = marks_of(read.scene, None, asked or [seconds(message.time_reached)])
-        propagator = make_propagator(REFERENCE, samples=message.rollouts, seed=message.seed)
-        query = Query(
-            read.scene, read.belief, propagator, message.seed, marks, None, keep_samples, regions, outputs
-        )
-        prediction = read_answer(answer.result, message, query)
-        known = {one.name: getattr(prediction, one.name) for one in fields(prediction)}
-        return TrackedPrediction(**known, stamp=1e-9 * nanoseconds(message.header.stamp))
+        return read_fork(answer, request, asked, regions, GivenPackings(models or {}, self._library))
 
     def reset(self, names: Iterable[str] = ()) -> None:
         """Make the node's tracker forget objects, by default all.
@@ -669,53 +603,6 @@ class Client:
             raise InvalidModelError(f"could not be loaded: {info.status_msg}", field=info.name)
         return info
 
-    def _query(
-        self,
-        scene,
-        belief,
-        propagator,
-        horizon,
-        *,
-        times=None,
-        seed=None,
-        samples=None,
-        max_computation_time=None,
-        keep_samples=0,
-        events=(),
-        modes=False,
-        joint_covariance=None,
-    ) -> Query:
-        """Return the checked arguments of `predict`."""
-        instance(scene, Scene, "scene")
-        instance(belief, Belief, "belief")
-        instance(propagator, (str, Propagator), "propagator")
-        belief.check_fits(scene)
-        if isinstance(propagator, str):
-            propagator = make_propagator(propagator)
-        elif seed is None:
-            seed = getattr(propagator, "seed", None)
-        given = {"seed": seed, "samples": samples}
-        known = propagator.options()
-        propagator = replace(
-            propagator,
-            **{name: value for name, value in given.items() if value is not None and name in known},
-        )
-        check_supported(scene, propagator)
-        allowed = max_computation_time
-        regions, probabilities = _split_events(checked_events(events, scene))
-        joint = propagator.traits.cross_body if joint_covariance is None else bool(joint_covariance)
-        return Query(
-            scene,
-            belief,
-            propagator,
-            None if seed is None else _whole(seed, "seed", 64),
-            marks_of(scene, horizon, times),
-            None if allowed is None else positive(allowed, "max_computation_time"),
-            _whole(keep_samples, "keep_samples", 32),
-            regions,
-            RequestedOutputs(not joint, joint, probabilities, bool(modes), center_of_mass=True),
-        )
-
     def _request(self, query: Query) -> PredictionRequest:
         """Return the message; fetch the node's models again if a model seems to differ."""
         try:
@@ -735,122 +622,3 @@ class Client:
 
     def _keep_models(self, message: Any) -> None:
         self._models = {info.name: info for info in message.models}
-
-
-class _Newest:
-    """Subscription whose next message a thread can wait for."""
-
-    def __init__(self, node, kind, topic):
-        self._node, self._topic = node, topic
-        self._changed, self._message, self._count = threading.Condition(), None, 0
-        self._fresh: int | None = None  # count after which a message is next, even if it is there
-        self._is_first: Callable[[Any], bool] | None = None
-        self._subscription = node.create_subscription(kind, topic, self.set, _QUEUED)
-
-    def set(self, message: Any) -> None:
-        """Take a message."""
-        with self._changed:
-            if self._is_first is not None:
-                if not self._is_first(message):
-                    return
-                self._is_first = None
-            self._message, self._count = message, self._count + 1
-            self._changed.notify_all()
-
-    @contextlib.contextmanager
-    def from_first(self, is_first: Callable[[Any], bool]) -> Iterator[Callable[[float], bool]]:
-        """Ignore messages until the first one that a function is true for, which `next` may return later.
-
-        Gives a function that waits for that message for a time [s], and returns whether it came.
-        """
-        with self._changed:
-            count, self._is_first = self._count, is_first
-
-        def wait(timeout):
-            with self._changed:
-                came = self._changed.wait_for(lambda: self._count > count, timeout)
-                self._fresh, self._is_first = count, None
-                return came
-
-        try:
-            yield wait
-        finally:
-            with self._changed:
-                self._is_first = None
-
-    def skip_old(self) -> None:
-        """Let `next` return none of the messages that are there."""
-        with self._changed:
-            self._fresh = None
-
-    def next(self, timeout: float) -> Any:
-        """Return the next message."""
-        with self._changed:
-            count = self._count if self._fresh is None else self._fresh
-            self._fresh = None
-            if not self._changed.wait_for(lambda: self._count > count, timeout):
-                raise NotActiveError(
-                    f"has no message within {timeout:g} s; start the node with track:=true, and publish"
-                    " observations",
-                    field=self._topic,
-                )
-            return self._message
-
-    def close(self):
-        """Unsubscribe."""
-        self._node.destroy_subscription(self._subscription)
-
-
-class _Packings:
-    """Models of a client: given ones, and those of its library."""
-
-    def __init__(self, given, library):
-        self._given, self._library, self.shape_packer = given, library, library.shape_packer
-
-    def shape(self, model, spheres=0, scale=0.0, max_spheres=None, **others):
-        """Return a model's packing, as `ModelLibrary.shape` does."""
-        if model not in self._given:
-            return self._library.shape(model, spheres, scale, max_spheres, **others)
-        packing = self._given[model]
-        packing = packing.prefix(spheres) if spheres else packing
-        return packing.scaled(scale or 1.0)
-
-
-def _split_events(events):
-    """Return the regions of events, and whether there are events without a region.
-
-    Raises
-    ------
-    DuplicateIdError
-        If two regions have the same name.
-    NotSupportedError
-        If an event has no message.
-    """
-    regions, others = {}, False
-    for event in events:
-        if isinstance(event, InRegion):
-            region = regions.setdefault(event.region.name, event.region)
-            if event != InRegion(event.object, region):
-                raise DuplicateIdError("is the name of two regions", field="events", value=region.name)
-        elif isinstance(event, Touches) or event in object_events(event.names):
-            others = True
-        else:
-            message_of(
-                event, "events"
-            )  # raises for a combined event, or for another limit than the usual one
-            assert isinstance(event, FellOff)
-            raise NotSupportedError(
-                f"is not in a node's answer; ask for FellOff('{event.object}'), off what carried it, or rank"
-                " actions by this event",
-                field=f"support of '{event}'",
-                value=event.support,
-            )
-    return tuple(regions.values()), others
-
-
-def _whole(value, field, bits):
-    """Return an integer that fits in a message field of ``bits`` bits."""
-    value = integer(value, field, low=0)
-    if value >= 2**bits:
-        raise LimitExceededError(f"must be below 2^{bits}", field=field, value=value)
-    return value

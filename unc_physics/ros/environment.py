@@ -11,10 +11,10 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import Environment, EnvironmentElement, Result, Scene
+from unc_physics_msgs.msg import Environment, EnvironmentElement, Scene
 from unc_physics_msgs.srv import SetEnvironment
 
-from ..checks.errors import ErrorCode, InvalidEnvironmentError
+from ..checks.errors import InvalidEnvironmentError
 from ..scene.environment import element_names
 from ..scene.scene_file import load_environment
 from .messages.environment import element_id, read_environment, write_element
@@ -170,11 +170,9 @@ class EnvironmentTopics:
         self._worker.submit(self._take_received, message)
 
     def _take_received(self, message):
-        result = Result()
-        with self._server.errors_into(result):
+        warn = self._server.log.warning
+        with self._server.errors_to(lambda problem: warn(f"an environment was ignored: {problem}")):
             self._take(message)
-        if result.error_code != ErrorCode.NONE:
-            self._server.log.warning(f"an environment was ignored: {result.error_msg}")
 
     def _take(self, environment):
         """Check an environment of the world frame, and take it over."""
@@ -207,8 +205,8 @@ class EnvironmentTopics:
 
     def _update(self, message):
         """Apply a planning scene; ask for the whole one if the first message is a difference."""
-        result = Result()
-        with self._server.errors_into(result):
+        warn = self._server.log.warning
+        with self._server.errors_to(lambda problem: warn(f"a planning scene was ignored: {problem}")):
             if message.is_diff and not self._asked and self._whole.service_is_ready():
                 self._whole.call_async(self._request).add_done_callback(
                     lambda future: self._worker.submit(self._update, future.result().scene)
@@ -220,8 +218,6 @@ class EnvironmentTopics:
                 self._server.log.warning(f"object '{name}' of the planning scene is left out: {why}")
             self._server.environment.set_planned(elements)
             self.publish()
-        if result.error_code != ErrorCode.NONE:
-            self._server.log.warning(f"a planning scene was ignored: {result.error_msg}")
 
     def _pose_of_frame(self, frame):
         """Return position and quaternion of a frame in the world frame, by tf."""

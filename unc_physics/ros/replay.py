@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsEr
 from .detected import detected_object, scene_of_detections, settle_detected
 from .environment import NodeEnvironment
 from .messages.fields import pose_message, xyz, xyzw
+from .messages.frames import Frames
 from .messages.prediction import write_answer
 from .messages.request import read_request
 from .models import ModelLibrary
@@ -51,13 +53,6 @@ class Outcome(NamedTuple):
     name: str
     error: float
     square: float
-
-
-class _WorldOnly:
-    """In place of `Frames`: a bag's detections are all taken to be in the world frame."""
-
-    def to_world(self, header, field=""):
-        """Return no transform."""
 
 
 def read_bag(path: Path, topic: str | None) -> list[tuple[float, str, Any]]:
@@ -163,8 +158,8 @@ def replay(
             after = sorted(times[near] - times[k] for near in later)
             request = request_of(scene, settings)
             request.wait_for_compilation = True
-            job = read_request(request, settings, library, _WorldOnly(), complete=environment.complete)  # pyright: ignore[reportArgumentType]
-            job = job._replace(times=after[:-1], horizon=after[-1])
+            job = read_request(request, settings, library, Frames(), complete=environment.complete)
+            job = replace(job, times=after[:-1], horizon=after[-1])
             answer = Prediction()
             write_answer(answer, scene.header, settings, job, job.run())
         except UncPhysicsError as error:

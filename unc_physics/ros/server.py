@@ -32,7 +32,8 @@ from .markers import MarkerTopic
 from .messages.fields import write_error
 from .messages.frames import Frames
 from .messages.prediction import write_answer
-from .messages.request import Job, RequestedOutputs, as_sent, read_request
+from .messages.query import RequestedOutputs
+from .messages.request import Job, as_sent, read_request
 from .models import ModelLibrary, ModelTopics
 from .parameters import ParameterServer
 from .services import CapabilitiesService, DeferredAnswerCheck, prediction_service
@@ -170,6 +171,22 @@ class PredictionServer:
         if self.ending is not None:
             raise CanceledError(self.ending, field="the node")
 
+    def read(self, request, **how) -> Job:
+        """Read and check a request.
+
+        Parameters
+        ----------
+        request : PredictionRequest
+        **how
+            Limits and names, as for `read_request`.
+
+        Raises
+        ------
+        UncPhysicsError
+        """
+        complete = self.environment.complete
+        return read_request(request, self.settings, self.library, self.frames, complete=complete, **how)
+
     def predict(self, job: Job, progress=None) -> Prediction:
         """Run a job until it is done or `close` ends it.
 
@@ -213,20 +230,13 @@ class PredictionServer:
         progress : callable, optional
             As for `predict`.
         **how
-            As for `read_request`.
+            As for `read`.
         """
         with self.errors_into(message.result):
             settings, header = self.settings, request.scene.header
             try:
                 with refused_compilation(not request.wait_for_compilation):
-                    job = read_request(
-                        request,
-                        settings,
-                        self.library,
-                        self.frames,
-                        complete=self.environment.complete,
-                        **how,
-                    )
+                    job = self.read(request, **how)
                     try:
                         write_answer(message.prediction, header, settings, job, self.predict(job, progress))
                         return functools.partial(self.markers.publish, header, job, message.prediction)
@@ -268,6 +278,15 @@ class PredictionServer:
             pool.submit(work)
 
     @contextlib.contextmanager
+    def errors_to(self, report: Callable[[str], object]):
+        """Report the message of an exception of the ``with`` block, unless it ends a prediction as asked."""
+        result = Result()
+        with self.errors_into(result):
+            yield
+        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
+            report(result.error_msg)
+
+    @contextlib.contextmanager
     def errors_into(self, result: Result):
         """Write an exception of the ``with`` block into a request's result; no request ends the node."""
         try:
@@ -290,9 +309,16 @@ def _warm_up(settings, done: Callable[[str, float], object]) -> None:
 
     def answer(scene, belief, propagator, horizon):
         nonlocal begun
-        outputs = RequestedOutputs(True, propagator.traits.cross_body, True, True)
-        models = (core.MODEL,) * len(scene.bodies)
-        job = Job(scene, belief, (), models, propagator, horizon, None, None, 1, 2, outputs, False, {})
+        job = Job(
+            scene=scene,
+            belief=belief,
+            models=(core.MODEL,) * len(scene.bodies),
+            propagator=propagator,
+            horizon=horizon,
+            seed=1,
+            return_samples=2,
+            outputs=RequestedOutputs(True, propagator.traits.cross_body, True, True),
+        )
         message = PredictionMessage()
         write_answer(message, message.header, settings, job, job.run())
         begun, before = time.perf_counter(), begun

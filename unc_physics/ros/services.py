@@ -25,7 +25,7 @@ from ..checks.errors import CanceledError, NotActiveError
 from ..propagators.registry import PROPAGATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from .messages.fields import duration, write_error
-from .messages.request import physics_message
+from .messages.physics import physics_message
 
 _DISCOVERY_PERIOD = 0.02  # s, between checks whether a service is discovered
 #: Quality of service of latched topics.

@@ -24,9 +24,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import Prediction, PredictionRequest, Result, Scene
+from unc_physics_msgs.msg import Prediction, PredictionRequest, Scene
 
-from ..checks.errors import ErrorCode, PredictionTimeoutError, UncPhysicsError
+from ..checks.errors import PredictionTimeoutError, UncPhysicsError
 from ..propagators.base import Anytime, Propagator
 from .detected import Detection3DArray, detected_object, scene_of_detections, settle_detected
 from .environment import NodeEnvironment
@@ -34,7 +34,6 @@ from .markers import MarkerTopic, OccupancyTopics
 from .messages.fields import duration, nanoseconds, seconds
 from .messages.frames import Frames
 from .messages.prediction import write_answer
-from .messages.request import read_request
 from .messages.scene import AllSkippedError
 from .models import ModelLibrary
 from .parameters import ParameterServer, Settings
@@ -193,8 +192,8 @@ class Stream:
         Returns whether a prediction was published.
         """
         server, settings, header = self._server, self._server.settings, streamed.scene.header
-        published, result = False, Result()
-        with server.errors_into(result):
+        published = False
+        with server.errors_to(lambda problem: self._warn(f"a scene was not predicted: {problem}")):
             if (reason := stamp_problem(server.node, header.stamp, settings)) is not None:
                 server.diagnostics.predictions.add("dropped inputs")
                 self._warn(f"a scene was dropped: {reason}")
@@ -207,7 +206,7 @@ class Stream:
             try:
                 if scene.objects:
                     job = self._job(streamed, scene, limit, settings)
-                    job = job._replace(skipped=job.skipped | skipped)
+                    job = replace(job, skipped=job.skipped | skipped)
             except AllSkippedError as error:
                 skipped = error.skipped | skipped
             if job is not None:
@@ -223,8 +222,6 @@ class Stream:
             if not self._is_over(header.stamp):
                 self.publish(message, job)
                 published = True
-        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
-            self._warn(f"a scene was not predicted: {result.error_msg}")
         return published
 
     def _job(self, streamed, scene, limit, settings):
@@ -233,16 +230,11 @@ class Stream:
         allowed, age = settings.max_computation_time, stamp_age(server.node, scene.header.stamp)
         if age is not None:  # its horizon must not pass meanwhile
             allowed = min(allowed, max(settings.horizons) - age)
-        job = read_request(
-            request_of(scene, settings),
-            settings,
-            server.library,
-            server.frames,
-            time_limit=max(allowed, _SHORTEST),
-            complete=server.environment.complete,
-        )
-        return job._replace(
-            times=sorted(set(settings.horizons))[:-1], propagator=streamed.pace.adapted(job.propagator, limit)
+        job = server.read(request_of(scene, settings), time_limit=max(allowed, _SHORTEST))
+        return replace(
+            job,
+            times=sorted(set(settings.horizons))[:-1],
+            propagator=streamed.pace.adapted(job.propagator, limit),
         )
 
     def publish(self, message, job) -> None:

@@ -14,17 +14,18 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import ActionArray, ObjectState, Prediction, Result, TrackedObjects
+from unc_physics_msgs.msg import ActionArray, ObjectState, Prediction, TrackedObjects
 from unc_physics_msgs.srv import Fork, Reset
 
-from ..checks.errors import CanceledError, DivergedError, ErrorCode, UncPhysicsError
+from ..checks.errors import CanceledError, DivergedError, UncPhysicsError
 from ..checks.names import hint
 from ..prediction.prediction import Prediction as CorePrediction
 from .detected import Detection3DArray, detected_object, scene_of_detections
 from .environment import HOW_TO_SET
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
-from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_times
+from .messages.query import RequestedOutputs
+from .messages.request import limited_regions, read_horizon, read_times
 from .services import BackgroundService
 from .streams import (
     TRACKED,
@@ -186,16 +187,13 @@ class Tracking:
                 self._waiting.submit(self._transform, work, message)
 
     def _transform(self, work, message):
-        result, transform = Result(), None
-        with self._server.errors_into(result):
+        with self._server.errors_to(lambda problem: self._leave_out(message, problem)):
             transform = self._server.frames.to_world(message.header, "header")
-        if result.error_code:
-            self._leave_out(message, result.error_msg)
-            with self._pending_lock:
-                self._pending -= 1
+            with contextlib.suppress(RuntimeError):
+                self._worker.submit(self._process, work, message, transform)
             return
-        with contextlib.suppress(RuntimeError):
-            self._worker.submit(self._process, work, message, transform)
+        with self._pending_lock:
+            self._pending -= 1
 
     def _tick(self):
         """Go on without observations, unless the worker still does."""
@@ -215,8 +213,8 @@ class Tracking:
     def _process(self, work, message, transform):
         with self._pending_lock:
             self._pending -= 1
-        result, settings = Result(), self._server.settings
-        with self._server.errors_into(result):
+        settings = self._server.settings
+        with self._server.errors_to(lambda problem: self._leave_out(message, problem)):
             if (reason := stamp_problem(self._server.node, message.header.stamp, settings)) is not None:
                 self._counts.add("dropped messages")
                 self._counts.warn(f"dropped messages: {reason}")
@@ -227,8 +225,6 @@ class Tracking:
             except DivergedError:
                 self._clear()
                 raise
-        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
-            self._leave_out(message, result.error_msg)
 
     def _leave_out(self, message, reason):
         """Report that a whole message was left out."""
@@ -284,15 +280,13 @@ class Tracking:
 
     def _go_on(self):
         """Publish the belief of the present time if no observation has come meanwhile."""
-        result, settings, heard = Result(), self._server.settings, self._heard
+        settings, heard = self._server.settings, self._heard
         try:
-            with self._server.errors_into(result):
+            with self._server.errors_to(lambda problem: self._warn(f"the tracker failed: {problem}")):
                 if heard is not None:
                     self._advance(heard[0] + self._clock.now().nanoseconds - heard[1], settings)
         finally:
             self._is_going_on = False
-        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
-            self._warn(f"the tracker failed: {result.error_msg}")
 
     def _advance(self, stamp, settings):
         if stamp - self._tracks.stamp < 0.5e9 / settings.tracked_rate or not self._tracks.names:
@@ -351,16 +345,13 @@ class Tracking:
 
         A pause of the same length leaves time for the tracker. The newest belief waits meanwhile.
         """
-        server, settings, result = self._server, self._server.settings, Result()
-        began = time.perf_counter()
-        with server.errors_into(result):
+        settings, began = self._server.settings, time.perf_counter()
+        with self._server.errors_to(lambda error: self._warn(f"a tracked scene was not predicted: {error}")):
             times, message = sorted(set(settings.horizons)), Prediction()
             outputs = RequestedOutputs(probabilities=settings.stream_probabilities)
             job, prediction = present.predict(times[-1], times[:-1], settings, outputs)
             self._write(message, job, prediction, present.stamp)
             self._stream.publish(message, job)
-        if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
-            self._warn(f"a tracked scene was not predicted: {result.error_msg}")
         self._ended.wait(time.perf_counter() - began)
 
     def _write(self, message, job, prediction: CorePrediction, stamp):

@@ -38,7 +38,8 @@ from ..tracking.tracker import Tracker
 from .detected import smallest_extent
 from .environment import NodeEnvironment, objects_of
 from .messages.actions import group_actions, write_actions
-from .messages.request import Job, RequestedOutputs, check_answer
+from .messages.query import MARGINALS_ONLY, RequestedOutputs
+from .messages.request import Job, check_answer
 from .messages.scene import AllSkippedError, SceneLimits, read_scene, write_joint_covariance, write_object
 from .messages.tracking import Seen, before_first, check_path, later_path, read_measurement, write_tracked
 from .models import ModelLibrary, packing_info
@@ -52,7 +53,6 @@ _REMEMBERED = 2000  # observations that are recognized when they arrive again
 _SEED = 1
 #: Parts of a covariance of a pose about a model's origin.
 _OF_POSITION = slice(0, 3)
-_MEANS_ONLY = RequestedOutputs()
 _FORBIDDEN = 1e9  # cost of a pair that cannot be
 
 
@@ -330,7 +330,7 @@ class Tracks:
         horizon: float,
         times: Sequence[float] | None,
         settings: Settings,
-        outputs: RequestedOutputs = _MEANS_ONLY,
+        outputs: RequestedOutputs = MARGINALS_ONLY,
         regions: tuple[BoxRegion, ...] = (),
         samples: int = 0,
     ) -> tuple[Job, Prediction]:
@@ -355,19 +355,16 @@ class Tracks:
         scene, before = self.scene, [time for time in times or () if time < horizon]
         members = make_propagator(REFERENCE, samples=settings.tracking_members, seed=_SEED)
         job = Job(
-            scene,
-            self._tracker.belief(),
-            regions,
-            tuple(self._models[body.name] for body in scene.bodies),
-            members,
-            horizon,
-            before,
-            None,
-            _SEED,
-            samples,
-            outputs,
-            False,
-            {},
+            scene=scene,
+            belief=self._tracker.belief(),
+            models=tuple(self._models[body.name] for body in scene.bodies),
+            propagator=members,
+            horizon=horizon,
+            seed=_SEED,
+            times=before,
+            regions=regions,
+            return_samples=samples,
+            outputs=outputs,
         )
         check_answer(job, settings)
         return job, self._tracker.ahead([*before, horizon])

@@ -25,17 +25,18 @@ class Frames:
 
     Parameters
     ----------
-    node : rclpy Node
+    node : rclpy Node, optional
+        Without it, only the world frame is known.
     world_frame : str
     timeout : callable
         Returns the time to wait for a missing transform [s]. Perception is often a few milliseconds ahead of
         transforms.
     """
 
-    def __init__(self, node, world_frame: str, timeout: Callable[[], float] = lambda: 0.0):
+    def __init__(self, node=None, world_frame: str = "world", timeout: Callable[[], float] = lambda: 0.0):
         self._world_frame, self._timeout = world_frame, timeout
         self._buffer = None
-        if importlib.util.find_spec("tf2_ros"):
+        if node is not None and importlib.util.find_spec("tf2_ros"):
             import tf2_ros  # pyright: ignore[reportMissingImports]  (optional)
 
             self._buffer = tf2_ros.Buffer()

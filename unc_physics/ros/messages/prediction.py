@@ -60,7 +60,9 @@ from ...spatial.origin import at_com, at_origin, covariance_at_com, moved
 from ...spatial.rotation import rotation_matrix
 from .events import EVENT_MESSAGES, OBJECT_EVENTS
 from .fields import duration, later, packed, pose_message, read_error, seconds, writable, xyz, xyzw
-from .request import Job, Query, RequestedOutputs, physics_message
+from .physics import physics_message
+from .query import MARGINALS_ONLY, Query
+from .request import Job
 from .scene import read_joint_covariance, write_joint_covariance
 
 _SAME_START = 1e-9  # m, rad and their squares: tolerance for the start to equal the given belief
@@ -71,7 +73,6 @@ _OVERLAP_FIELDS = ("overlap_share", "overlap_moved", "overlap_kept")
 #: Most states of one object that are assessed separately, as documented in the message.
 ASSESSED_STATES = 16
 _SAME_POINT = np.zeros(3)
-MARGINALS_ONLY = RequestedOutputs()
 
 
 def write_answer(message: PredictionMessage, header: Header, settings, job: Job, prediction: Prediction):

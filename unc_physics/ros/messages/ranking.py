@@ -23,7 +23,7 @@ from .actions import write_actions
 from .events import EVENT_MESSAGES, message_of
 from .fields import read_error
 from .prediction import read_answer, read_probability, write_probability
-from .request import Query
+from .query import Query
 from .scene import write_object
 
 #: Length of the request's array of scores, which clients do not check.

@@ -6,14 +6,13 @@ import math
 import re
 import secrets
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
 
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Quaternion, Vector3
 
-from unc_physics_msgs.msg import ModelInfo, Physics, PredictionRequest
+from unc_physics_msgs.msg import ModelInfo, PredictionRequest
 from unc_physics_msgs.msg import Scene as SceneMessage
 
 from ...checks.errors import (
@@ -36,19 +35,16 @@ from ...propagators.names import ANYTIME
 from ...propagators.registry import PROPAGATORS, propagator_from_texts
 from ...scene.belief import Belief
 from ...scene.entries import at_field
-from ...scene.marks import Mark
-from ...scene.materials import DEFAULT_RESTITUTION
 from ...scene.physics_keys import PHYSICS_KEYS
-from ...scene.presets import certain, with_changes
-from ...scene.scene import DEFAULT_OVERLAP, Scene
-from ...scene.scene_file import physics_value, preset
-from ...scene.stiffness import AUTO
+from ...scene.scene import Scene
 from ...spatial.layout import ERROR
 from .actions import write_actions
 from .environment import read_regions, write_region
 from .events import object_events
-from .fields import duration, optional, read_duration, seconds, vector_message, xyz, xyzw
+from .fields import duration, read_duration, seconds, xyz, xyzw
 from .frames import Frames
+from .physics import physics_message, read_physics
+from .query import MARGINALS_ONLY, Query, RequestedOutputs
 from .scene import FieldNames, SceneLimits, read_scene, write_scene
 
 _STATE_BYTES = 800  # size of a PredictedState without optional parts
@@ -64,62 +60,28 @@ _TARGETS = {
 }
 # how far a budget of time may be exceeded: as a share of it, and in any case [s]
 _OVER_BUDGET, _OVER_ANY_BUDGET = 0.05, 0.025
-#: Values in the message of fields that are None or absent in the core.
-_ABSENT = {key: 0.0 for key in PHYSICS_KEYS if key.endswith("_std")}
-_ABSENT |= {"impact_friction_speed": 0.0, "damping": 0.0, "friction": 0.0, "gravity": (0.0, 0.0, 0.0)}
-_ABSENT |= {"gyroscopic": False, "islands": False, "sleep": False, "stiffness": AUTO}
 _SEED_BITS = 53  # largest integers that JavaScript and MATLAB clients represent exactly
 
 
-class RequestedOutputs(NamedTuple):
-    """Requested outputs besides means and marginal covariances; each has a field ``return_<name>``.
-
-    Attributes
-    ----------
-    covariance, joint_covariance : bool
-        Complete covariance of each object; joint covariance of all moving objects.
-    probabilities : bool
-        Probabilities of contact, rest, uprightness and falls.
-    modes : bool
-        Split outcomes as weighted Gaussians.
-    center_of_mass : bool
-        States and covariances of the centres of mass, too.
-    """
-
-    covariance: bool = False
-    joint_covariance: bool = False
-    probabilities: bool = False
-    modes: bool = False
-    center_of_mass: bool = False
-
-    @classmethod
-    def read(cls, request: PredictionRequest) -> RequestedOutputs:
-        """Return the outputs that a request asks for."""
-        return cls(*(getattr(request, f"return_{name}") for name in cls._fields))
-
-    def fields(self) -> dict[str, bool]:
-        """Return the fields of a request that asks for these outputs."""
-        return {f"return_{name}": value for name, value in self._asdict().items()}
-
-
-class Job(NamedTuple):
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Job:
     """Checked request, in the core's types.
 
     Attributes
     ----------
     scene : Scene
     belief : Belief
-    regions : tuple of BoxRegion
     models : tuple of str
         Names of the objects' models.
     propagator : Propagator
     horizon : float
         [s]
+    seed : int
     times : list of float or None
         Requested times besides the horizon [s].
     max_computation_time : float or None
         [s]
-    seed : int
+    regions : tuple of BoxRegion
     return_samples : int
     outputs : RequestedOutputs
     zeros_replaced : bool
@@ -130,17 +92,17 @@ class Job(NamedTuple):
 
     scene: Scene
     belief: Belief
-    regions: tuple[BoxRegion, ...]
     models: tuple[str, ...]
     propagator: Propagator
     horizon: float
-    times: list[float] | None
-    max_computation_time: float | None
     seed: int
-    return_samples: int
-    outputs: RequestedOutputs
-    zeros_replaced: bool
-    skipped: dict[str, str]
+    times: list[float] | None = None
+    max_computation_time: float | None = None
+    regions: tuple[BoxRegion, ...] = ()
+    return_samples: int = 0
+    outputs: RequestedOutputs = MARGINALS_ONLY
+    zeros_replaced: bool = False
+    skipped: dict[str, str] = field(default_factory=dict)
 
     @property
     def events(self) -> list[Event]:
@@ -267,117 +229,23 @@ def read_request(
     )
     check_supported(read.scene, propagator)
     belief = at_field("scene", _with_common_error, read.belief, message, transform)
-    times = read_times(request, horizon, read.scene, settings)
     job = Job(
-        read.scene,
-        belief,
-        limited_regions(regions, settings),
-        read.models,
-        propagator,
-        horizon,
-        times,
-        _computation_time(request.max_computation_time, time_limit, asked_time),
-        getattr(propagator, "seed", seed),
-        request.return_samples,
-        RequestedOutputs.read(request),
-        read.zeros_replaced,
-        read.skipped,
+        scene=read.scene,
+        belief=belief,
+        models=read.models,
+        propagator=propagator,
+        horizon=horizon,
+        seed=getattr(propagator, "seed", seed),
+        times=read_times(request, horizon, read.scene, settings),
+        max_computation_time=_computation_time(request.max_computation_time, time_limit, asked_time),
+        regions=limited_regions(regions, settings),
+        return_samples=request.return_samples,
+        outputs=RequestedOutputs.read(request),
+        zeros_replaced=read.zeros_replaced,
+        skipped=read.skipped,
     )
     check_answer(job, settings)
     return job
-
-
-def read_physics(message: Physics, physics: dict) -> dict:
-    """Return arguments of `Scene`: ``physics`` with the changes of a request.
-
-    Raises
-    ------
-    InvalidOptionError, NotFiniteError, InvalidRequestError
-        Limits of values are checked by `Scene`.
-    """
-    if message.preset:
-        physics = _at("preset", preset, message.preset, message.exact)
-    elif message.exact:
-        physics = certain(physics)
-    given = {}
-    for key in PHYSICS_KEYS:
-        value = getattr(message, key)
-        if isinstance(value, str) or key.endswith("_std"):
-            value = value or None
-        else:
-            value = optional(message, key, "physics")
-        if key == "impact_friction_speed" and value == 0.0:
-            given[key] = None
-        elif value is not None:
-            given[key] = _at(key, physics_value, key, _plain(key, value))
-    return with_changes(physics, given)
-
-
-def physics_message(physics: dict) -> Physics:
-    """Return a complete message from arguments of `Scene`; None and missing values become defaults."""
-    physics = {key: value for key, value in physics.items() if value is not None}
-    integrator = physics.get("integrator", "explicit")
-    own = {"restitution": DEFAULT_RESTITUTION[integrator], "overlap": DEFAULT_OVERLAP[integrator]}
-    physics = _ABSENT | own | physics
-    physics |= {"integrator": integrator, "gravity": vector_message(physics["gravity"])}
-    if physics["stiffness"] == AUTO:
-        physics["stiffness"] = Physics.STIFFNESS_AUTO
-    message = Physics(exact=True)  # all that is uncertain is in the message
-    for key, value in physics.items():
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            value = float(value)
-        setattr(message, key, value)
-        if hasattr(message, f"has_{key}"):
-            setattr(message, f"has_{key}", True)
-    return message
-
-
-def _plain(key, value):
-    """Return a field's value in the format of scene files."""
-    if key == "gravity":
-        return xyz(value)
-    return AUTO if key == "stiffness" and value == Physics.STIFFNESS_AUTO else value
-
-
-def _at(field, function, *arguments):
-    """Call a function and set the field of its errors to a field of the message."""
-    try:
-        return function(*arguments)
-    except InvalidRequestError as error:
-        raise InvalidOptionError(error.problem, field=f"physics.{field}", value=error.value) from None
-    except UncPhysicsError as error:
-        raise type(error)(error.problem, field=f"physics.{field}", value=error.value) from None
-
-
-@dataclass(frozen=True, eq=False)
-class Query:
-    """Checked arguments of a client's `predict`.
-
-    Attributes
-    ----------
-    scene : Scene
-    belief : Belief
-    propagator : Propagator
-    seed : int or None
-        None if the node chooses it.
-    marks : list of Mark
-        Times at which a belief is requested, ascending.
-    max_computation_time : float or None
-        [s]
-    keep_samples : int
-    regions : tuple of BoxRegion
-    outputs : RequestedOutputs
-    """
-
-    scene: Scene
-    belief: Belief
-    propagator: Propagator
-    seed: int | None
-    marks: list[Mark]
-    max_computation_time: float | None
-    keep_samples: int
-    regions: tuple[BoxRegion, ...]
-    outputs: RequestedOutputs
 
 
 def as_sent(error: UncPhysicsError, request: PredictionRequest) -> UncPhysicsError:
@@ -456,9 +324,9 @@ def _options(pairs):
 
 def _add_targets(options, request):
     """Add the target errors and the time budget to the options; return the propagator's name."""
-    targets = {option: getattr(request, field) for field, option in _TARGETS.items()}
-    for field, option in _TARGETS.items():
-        non_negative(targets[option], field)
+    targets = {option: getattr(request, name) for name, option in _TARGETS.items()}
+    for name, option in _TARGETS.items():
+        non_negative(targets[option], name)
     targets["time"] = read_duration(request.time_budget, "time_budget")
     if not any(targets.values()):
         return request.propagator

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +11,15 @@ from geometry_msgs.msg import PoseWithCovariance
 
 from unc_physics_msgs.msg import Action, ObjectState, TrackedObject, TrackedObjects
 from unc_physics_msgs.msg import Scene as SceneMessage
+from unc_physics_msgs.srv import Fork
 
 from ...checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
 from ...checks.validation import point, quaternion
+from ...prediction.prediction import Prediction
+from ...prediction.regions import BoxRegion
+from ...prediction.request_checks import marks_of
+from ...propagators.names import REFERENCE
+from ...propagators.registry import make_propagator
 from ...scene.actions import PosePath
 from ...scene.belief import Belief
 from ...scene.body import RigidBody
@@ -26,9 +32,11 @@ from ...spatial.rotation import rotation_matrix
 from ...tracking.hypotheses import UNKNOWN_SPIN, UNKNOWN_VELOCITY
 from ...tracking.measurements import PoseMeasurement
 from ...tracking.report import TrackStatus
-from .fields import nanoseconds, packed, pose_message, stamp_of, writable, xyz, xyzw
-from .prediction import write_state
-from .scene import CovarianceDefaults, known_covariance
+from .fields import nanoseconds, packed, pose_message, seconds, stamp_of, writable, xyz, xyzw
+from .physics import read_physics
+from .prediction import read_answer, write_state
+from .query import Query, RequestedOutputs
+from .scene import CovarianceDefaults, known_covariance, read_scene
 
 #: Standard deviation of a new object's pose, over that of its first observation, which corrects it.
 _BEFORE_FIRST = 10.0
@@ -51,6 +59,19 @@ class Seen(NamedTuple):
     stamp: int = 0
     distance: float = 0.0
     rejections: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPrediction(Prediction):
+    """Prediction from what a node's tracker knows.
+
+    Attributes
+    ----------
+    stamp : float
+        The tracker's time, on the clock of the observations [s]: time 0 of the prediction.
+    """
+
+    stamp: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +208,46 @@ def read_tracked(message: TrackedObjects) -> dict[str, TrackedBody]:
     """Return the tracked objects of a message by their ids."""
     stamp = 1e-9 * nanoseconds(message.header.stamp)
     return {own.id: _tracked_body(own, stamp) for own in message.objects}
+
+
+def read_fork(
+    answer: Fork.Response,
+    request: Fork.Request,
+    times: Sequence[float],
+    regions: tuple[BoxRegion, ...],
+    shapes,
+) -> TrackedPrediction:
+    """Return the prediction of a node's answer.
+
+    Parameters
+    ----------
+    answer : Fork.Response
+        Without an error.
+    request : Fork.Request
+    times : sequence of float
+        Requested times and horizon [s]; if empty, the time that the answer reached.
+    regions : tuple of BoxRegion
+    shapes
+        Models, as a `ModelLibrary` has them.
+    """
+    message = answer.prediction
+    physics = read_physics(message.physics, {})
+    read = read_scene(answer.scene, shapes, physics, actions=answer.actions)
+    by_id = {own.id: own for own in message.objects}
+    message.objects = [by_id[body.name] for body in read.scene.bodies]
+    query = Query(
+        scene=read.scene,
+        belief=read.belief,
+        propagator=make_propagator(REFERENCE, samples=message.rollouts, seed=message.seed),
+        marks=marks_of(read.scene, None, times or [seconds(message.time_reached)]),
+        seed=message.seed,
+        keep_samples=request.return_samples,
+        regions=regions,
+        outputs=RequestedOutputs.read(request),
+    )
+    prediction = read_answer(answer.result, message, query)
+    known = {one.name: getattr(prediction, one.name) for one in fields(prediction)}
+    return TrackedPrediction(**known, stamp=1e-9 * nanoseconds(message.header.stamp))
 
 
 def _tracked_body(message, stamp):
