@@ -21,15 +21,9 @@ from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
-from unc_physics.ros.streams import (
-    LatestWorker,
-    Pace,
-    StreamedScene,
-    prepared,
-    request_of,
-    topic_name,
-    transforms,
-)
+from unc_physics.ros.scene_topics import LatestWorker, StreamedScene, prepared
+from unc_physics.ros.stream_pace import Pace
+from unc_physics.ros.streams import request_of, topic_name, transforms
 from unc_physics_msgs.msg import EnvironmentElement, PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]

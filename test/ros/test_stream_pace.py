@@ -16,9 +16,9 @@ from running import Inbox, node_in_this_process, wait_until
 from scenes import moving_object, position_of
 
 from unc_physics import make_propagator
-from unc_physics.ros import streams
+from unc_physics.ros import stream_pace
 from unc_physics.ros.messages.fields import seconds
-from unc_physics.ros.streams import Pace
+from unc_physics.ros.stream_pace import Pace
 from unc_physics_msgs.msg import Prediction, Scene
 
 NODE = "hurried"
@@ -29,7 +29,7 @@ SHIFT = 3.0  # m, of the camera
 
 def test_the_limit_is_half_the_period_of_the_input(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(streams.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(stream_pace.time, "monotonic", lambda: now[0])
     pace = Pace()
     assert pace.limit(0.3) == 0.3
     for interval in (0.0, 0.1, 0.1, 5.0, 0.1, 0.1):  # a pause is not the period

@@ -26,17 +26,9 @@ from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
 from .messages.query import RequestedOutputs
 from .messages.request import limited_regions, read_horizon, read_times
+from .scene_topics import LatestWorker, on_clock_jump, stamp_age, stamp_problem, subscribe
 from .services import BackgroundService
-from .streams import (
-    TRACKED,
-    LatestWorker,
-    TransformTopic,
-    on_clock_jump,
-    stamp_age,
-    stamp_problem,
-    subscribe,
-    topic_name,
-)
+from .streams import TRACKED, TransformTopic, topic_name
 from .tracks import Tracks
 
 _REPORT_PERIOD = 5.0  # s, between warnings in the log

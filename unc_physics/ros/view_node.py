@@ -22,8 +22,10 @@ from .messages.tracking import scene_of_tracked
 from .models import ModelLibrary
 from .node import leave, run
 from .parameters import ParameterServer
+from .scene_topics import LatestWorker, SceneTopics, StreamedScene, prepared, stamp_problem
 from .services import LATCHED
-from .streams import LatestWorker, Pace, SceneTopics, StreamedScene, prepared, request_of, stamp_problem
+from .stream_pace import Pace
+from .streams import request_of
 
 _VIEW_PARAMETERS = {
     "host": ("127.0.0.1", "Address that the page listens on; everybody who reaches it sees the page."),

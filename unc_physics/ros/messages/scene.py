@@ -10,7 +10,7 @@ import functools
 import math
 import re
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -130,6 +130,30 @@ class AllSkippedError(NoObjectsError):
         super().__init__(problem, field="scene.objects")
 
 
+class ObjectReader(NamedTuple):
+    """Settings with which the objects of a scene are read.
+
+    Attributes
+    ----------
+    library : ModelLibrary
+    covariance_defaults : CovarianceDefaults
+    max_spheres : int or None
+    wait : bool
+        Whether to wait for a mesh that is still being packed.
+    spheres : str or None
+        Number of spheres of objects that give none, as the ``default`` of `ModelLibrary.shape`.
+    meets : bool
+        As for `load_shape`.
+    """
+
+    library: Any
+    covariance_defaults: CovarianceDefaults
+    max_spheres: int | None
+    wait: bool
+    spheres: str | None
+    meets: bool
+
+
 class FieldNames(NamedTuple):
     """Names of the objects and of the actions of a request in error messages."""
 
@@ -157,6 +181,30 @@ class BodyFields(NamedTuple):
         if attribute in ("mass_std", "center_of_mass_std"):
             return f"{self.field}.belief.{attribute}"
         return self.actions.field(attribute) or f"{self.field}.{attribute}"
+
+
+class ReadObject(NamedTuple):
+    """Object or packed element of a message, as a body.
+
+    Attributes
+    ----------
+    fields : BodyFields
+    model : str
+        Name in the message.
+    body : RigidBody
+    state : (13,) array
+        At the centre of mass.
+    covariance : (12, 12) array
+    zeros_replaced : bool
+        Whether a covariance of zeros was read as unknown.
+    """
+
+    fields: BodyFields
+    model: str
+    body: RigidBody
+    state: np.ndarray
+    covariance: np.ndarray
+    zeros_replaced: bool
 
 
 class SceneLimits(NamedTuple):
@@ -215,18 +263,23 @@ def read_scene(
     of_objects = fields.objects if fields else [f"scene.objects[{k}]" for k in range(len(objects))]
     ids = {own.id for own in objects}
     grouped = group_actions(actions, ids, fields.actions if fields else None)
-    spheres = AUTO if physics.get("integrator") == "implicit" else None
-    meets = may_meet(len(objects) + len(packed), elements)
-    read, skipped, taken = [], {}, set()
+    reader = ObjectReader(
+        library,
+        covariance_defaults,
+        limits.spheres,
+        wait,
+        AUTO if physics.get("integrator") == "implicit" else None,
+        may_meet(len(objects) + len(packed), elements),
+    )
+    read: list[ReadObject] = []
+    skipped, taken = {}, set()
     for own, field in zip(objects, of_objects, strict=True):
         place = BodyFields(field, grouped.get(own.id, ObjectActions(own.id)))
         try:
             _check_id(own, field, taken)
-            arguments, *known = _body(
-                own, place, library, covariance_defaults, limits.spheres, wait, spheres, meets
-            )
+            arguments, state, P, zeros = _body(own, place, reader)
             body = _body_at(place, arguments)
-            read.append((place, own.model or body.model.name, body, *known))
+            read.append(ReadObject(place, own.model or body.model.name, body, state, P, zeros))
         except UncPhysicsError as error:
             if not skip_invalid_objects:
                 raise
@@ -236,28 +289,20 @@ def read_scene(
     _check_element_ids(message.environment.elements, taken)
     for element in packed:
         place = BodyFields(element.field, ObjectActions(element.name))
-        arguments, *known = _fixed(element)
-        read.append((place, element.model.name, _body_at(place, arguments), *known))
-    places, models, bodies = (tuple(entry[k] for entry in read) for k in range(3))
-    mean = np.array([state for *_, state, _, _ in read])
+        arguments, state, P, zeros = _fixed(element)
+        read.append(ReadObject(place, element.model.name, _body_at(place, arguments), state, P, zeros))
+    bodies = tuple(own.body for own in read)
+    mean = np.array([own.state for own in read])
     physics = with_chosen_stiffness(physics, bodies, mean)
-    constants = tuple((key, _hashable(physics[key])) for key in sorted(physics))
-    try:
-        scene = _scene(bodies, elements, constants)
-    except UncPhysicsError as error:  # the node's own parameters are consistent
-        field = _in_message(error.field or "scene", places)
-        problem = error.problem
-        if field.startswith("physics."):  # a missing value is the node's parameter
-            problem = problem.removesuffix(" or absent")
-        kind = InvalidOptionError if isinstance(error, InvalidRequestError) else type(error)
-        raise kind(problem, field=field, value=error.value) from None
+    scene = _scene_of([own.fields for own in read], bodies, elements, physics)
     moving = scene.moving.copy()
     if len(message.joint_covariance.object_ids) or len(message.joint_covariance.data):
         P = _joint_covariance(message.joint_covariance, scene, mean, ids)
     else:
-        P = np.array([read[b][-2] for b in moving]).reshape(-1, ERROR, ERROR)
+        P = np.array([read[b].covariance for b in moving]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, P, moving)
-    return ReadScene(scene, belief, models, any(zeros for *_, zeros in read), skipped)
+    models = tuple(own.model for own in read)
+    return ReadScene(scene, belief, models, any(own.zeros_replaced for own in read), skipped)
 
 
 def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelInfo]) -> SceneMessage:
@@ -449,6 +494,19 @@ def _rigid_body(*arguments):
     return RigidBody(*others, **dict(named))
 
 
+def _scene_of(places, bodies, elements, physics):
+    """Return a scene; errors name fields of the message."""
+    try:
+        return _scene(bodies, elements, tuple((key, _hashable(physics[key])) for key in sorted(physics)))
+    except UncPhysicsError as error:  # the node's own parameters are consistent
+        field = _in_message(error.field or "scene", places)
+        problem = error.problem
+        if field.startswith("physics."):  # a missing value is the node's parameter
+            problem = problem.removesuffix(" or absent")
+        kind = InvalidOptionError if isinstance(error, InvalidRequestError) else type(error)
+        raise kind(problem, field=field, value=error.value) from None
+
+
 @functools.lru_cache(maxsize=32)
 def _scene(bodies, elements, physics):
     """Return a cached scene for equal arguments; it holds the kernels' arrays."""
@@ -467,32 +525,36 @@ def _fixed(element):
     return body, moved(at_origin, writable(element.model.origin), -1.0), np.zeros((ERROR, ERROR)), False
 
 
-def _shape(message, library, max_spheres, wait, spheres, meets):
+def _shape(message, reader):
     """Return the packing of an object's named model, primitive or mesh."""
     given = given_shapes(message)
     if given not in (["primitive"], ["mesh"]):
         if len(given) > 1:
             raise InvalidRequestError("must not be given beside a model", field=given[-1])
         scale = number(message.scale, "scale")
-        return library.shape(message.model, message.spheres, scale, max_spheres, default=spheres, meets=meets)
+        return reader.library.shape(
+            message.model,
+            message.spheres,
+            scale,
+            reader.max_spheres,
+            default=reader.spheres,
+            meets=reader.meets,
+        )
     (name,) = given
-    if max_spheres is not None and message.spheres > max_spheres:
-        raise LimitExceededError(f"must be at most {max_spheres}", field="spheres", value=message.spheres)
-    pack = library.shape_packer.of_mesh if name == "mesh" else library.shape_packer.of_primitive
-    packing = pack(getattr(message, name), message.spheres, name, wait)
+    limit, packer = reader.max_spheres, reader.library.shape_packer
+    if limit is not None and message.spheres > limit:
+        raise LimitExceededError(f"must be at most {limit}", field="spheres", value=message.spheres)
+    pack = packer.of_mesh if name == "mesh" else packer.of_primitive
+    packing = pack(getattr(message, name), message.spheres, name, reader.wait)
     return packing.scaled(number(message.scale, "scale") or 1.0)
 
 
-def _body(message, place, library, covariance_defaults, max_spheres, wait, spheres, meets):
-    """Return the arguments of a body, its state (13,) and covariance (12, 12), and whether zeros were read as
-    unknown.
-
-    ``spheres`` and ``meets`` are arguments of `load_shape`, the first one if the message gives no number.
-    """
+def _body(message, place, reader):
+    """Return a body's arguments, state (13,) and covariance (12, 12), and whether zeros are replaced."""
     field, actions = place
     fixed = _is_fixed(message, place)
     try:
-        model = _shape(message, library, max_spheres, wait, spheres, meets)
+        model = _shape(message, reader)
     except UncPhysicsError as error:
         where = (
             f"{field}.{error.field}"
@@ -515,7 +577,7 @@ def _body(message, place, library, covariance_defaults, max_spheres, wait, spher
     state = moved(_state(message, field, fixed), origin, -1.0)
     if fixed:
         return body, state, np.zeros((ERROR, ERROR)), False
-    P, zeros = _covariance(message.belief, f"{field}.belief", covariance_defaults, state, origin)
+    P, zeros = _covariance(message.belief, f"{field}.belief", reader.covariance_defaults, state, origin)
     if not math.isfinite(state.sum() + P.sum()):
         raise NotFiniteError("is too large to be moved to the centre of mass", field=field)
     return body, state, P, zeros

@@ -1,0 +1,73 @@
+"""Pace of a stream: how many rollouts its predictions have time for."""
+
+from __future__ import annotations
+
+import itertools
+import statistics
+import time
+from collections import deque
+from dataclasses import replace
+from typing import Any
+
+from ..propagators.base import Anytime, Propagator
+
+_INTERVALS = 5  # of the input, whose median is its period
+_SHARES = 1.0, 0.75, 0.5, 0.375  # of a propagator's rollouts
+_FEWEST = 12  # rollouts
+_SHARE_OF_PERIOD = 0.5
+_ROOM = 0.8  # share of the limit that more rollouts may take
+
+
+class Pace:
+    """Rate of an input, and the share of rollouts with which its predictions keep their time limit."""
+
+    def __init__(self):
+        self._arrivals: deque[float] = deque(maxlen=_INTERVALS + 1)
+        self._level = 0
+
+    def reset(self) -> None:
+        """Forget the input's rate; the share of rollouts stays."""
+        self._arrivals.clear()
+
+    def arrived(self) -> None:
+        """Record an input."""
+        self._arrivals.append(time.monotonic())
+
+    def limit(self, asked: float) -> float | None:
+        """Return the longest computation time [s]; None while the rate of the input is unknown.
+
+        Parameters
+        ----------
+        asked : float
+            The parameter ``stream_max_computation_time`` [s]; 0: half the input's period.
+        """
+        if asked:
+            return asked
+        times = list(self._arrivals)
+        if len(times) < 3:
+            return None
+        period = statistics.median(later - earlier for earlier, later in itertools.pairwise(times))
+        return _SHARE_OF_PERIOD * period
+
+    def adapted(self, propagator: Propagator, limit: float | None) -> Propagator:
+        """Return the propagator with as many rollouts as its last predictions had time for."""
+        fitted: Any = propagator
+        if limit is None:
+            return propagator
+        if isinstance(propagator, Anytime):
+            return replace(fitted, time=limit)
+        for option in ("runs", "samples"):
+            if (count := getattr(propagator, option, 0)) > _FEWEST:
+                return replace(fitted, **{option: max(_FEWEST, round(_SHARES[self._level] * count))})
+        return propagator
+
+    def took(self, seconds: float, limit: float | None) -> None:
+        """Adapt the share of rollouts to the time that a prediction took [s]."""
+        if limit is None:
+            return
+        if seconds > limit:
+            fitting = _SHARES[self._level] * limit / seconds
+            lower = range(self._level + 1, len(_SHARES))
+            self._level = next((k for k in lower if _SHARES[k] <= fitting), len(_SHARES) - 1)
+        elif self._level and seconds * _SHARES[self._level - 1] / _SHARES[self._level] < _ROOM * limit:
+            self._level -= 1
