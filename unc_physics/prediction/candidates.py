@@ -27,7 +27,7 @@ from .sequential_halving import SequentialHalving
 
 
 class Candidate(NamedTuple):
-    """One of the scenes, with the belief about it, by a name."""
+    """Scene with the belief about it, by name."""
 
     name: str
     scene: Scene
@@ -44,7 +44,7 @@ class Failed(Exception):
     @classmethod
     @contextlib.contextmanager
     def of(cls, candidate: int):
-        """Have what is raised in here be about a candidate."""
+        """Attribute errors of the ``with`` block to a candidate."""
         try:
             yield
         except PredictionTimeoutError:
@@ -54,12 +54,26 @@ class Failed(Exception):
 
 
 class CandidateRollouts:
-    """Runs a sequential halving over candidates, with the draws of one Monte Carlo propagator in common.
+    """Sequential halving over candidates, with common draws of one Monte Carlo propagator.
 
-    Beliefs are wanted at ``marks``, ascending. ``success`` takes a `Prediction`, and returns in which of its
-    rollouts (N,) the action succeeded. ``budget`` is as in `SequentialHalving`, whose most rollouts of one
-    candidate are the propagator's samples. The ``predictions`` of all candidates are by the rollouts of the
-    ``rounds`` until now.
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+    propagator : MonteCarlo
+        Its samples are the most rollouts of one candidate.
+    marks : list of Mark
+        Times of beliefs, ascending.
+    success : callable
+        Takes a `Prediction`, and returns in which of its rollouts (N,) the action succeeded.
+    budget : int
+        As in `SequentialHalving`.
+
+    Attributes
+    ----------
+    predictions : list of Prediction
+        Of all candidates, from the rollouts so far.
+    rounds : int
+        Number of rounds so far.
     """
 
     def __init__(
@@ -83,10 +97,10 @@ class CandidateRollouts:
         self._carries: list[list[Any]] = [[] for _ in candidates]
 
     def run(self, allowed: float | None, progress: Callable[[int, int], object] | None) -> None:
-        """Go through the rounds, within a wall time ``allowed`` [s] if there is one.
+        """Run the rounds, within a wall time ``allowed`` [s] if there is one.
 
-        ``progress`` is called every few hundredths of a second, and after each round, with the number of
-        rollouts of the rounds until then, and with the budget. What it raises ends the ranking.
+        ``progress`` is called every few hundredths of a second and after each round, with the number of
+        rollouts of the completed rounds and the budget. Its exceptions end the ranking.
         """
         started = clock()
         with time_limit() as limit:
@@ -104,7 +118,7 @@ class CandidateRollouts:
                     progress(self.halving.spent, self._budget)
 
     def _round(self, following, compute_budget, progress):
-        """The carries at time 0 and after the marks of the further rollouts of a round."""
+        """Return the carries at time 0 and after the marks, of the additional rollouts of a round."""
         scenes = [self._scenes[k] for k in following.actions]
         counts = [len(self.halving.outcomes[k]) for k in following.actions]
 
@@ -152,7 +166,7 @@ class CandidateRollouts:
             snapshots = tuple(
                 snapshot(own, scene, carry, mark) for carry, mark in zip(later, self._marks, strict=True)
             )
-        start = belief_at_start(own, own, scene, first, given)
+        start = belief_at_start(own, scene, first, given)
         return Prediction(scene, own, snapshots, given, start, spent)
 
 

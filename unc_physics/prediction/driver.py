@@ -1,8 +1,9 @@
-"""The driver of all predictions and rankings: simulates to the times that are wanted, within a time limit."""
+"""Driver of predictions and rankings: simulates to the requested times, within a time limit."""
 
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -30,17 +31,27 @@ from .probability import CONFIDENCE, interval
 from .rare_outcomes import WIDE_ROLLOUTS, tail_factors
 from .snapshot import Snapshot
 
-_OUTCOMES_AT_ONCE = 8192  # outcomes of several times in which events are looked for together
+_OUTCOMES_AT_ONCE = 8192  # outcomes of several times in which events are evaluated together
 
 
 class Run(NamedTuple):
-    """Result of propagating a belief."""
+    """Result of propagating a belief.
 
-    #: initial, start: that was given, with prescribed bodies on their paths; and that was really used
+    Attributes
+    ----------
+    initial : Belief
+        Given belief, with prescribed bodies on their paths.
+    start : Belief
+        Belief at time 0 after the removal of overlap and settling.
+    snapshots : tuple of Snapshot
+    points_history : ContactHistory or None
+        Of the sigma points that settled at time 0, for a propagator with a single nominal rollout on the
+        implicit step.
+    """
+
     initial: Belief
     start: Belief
     snapshots: tuple[Snapshot, ...]
-    #: of the points at time 0, of a propagator with a single nominal rollout on the implicit step
     points_history: ContactHistory | None
 
 
@@ -54,30 +65,39 @@ def simulate(
 ) -> Iterator[tuple[Mark, Any]]:
     """Yield the carry at the start and at each of the marks, which ascend.
 
-    ``begin`` makes the carry at time 0. ``advance_through`` takes a carry and marks, and makes the carries at
-    these (`Propagator.advance_through`). ``progress`` is as in `predict`.
+    If time runs out, or ``progress`` raises an `UncPhysicsError`, the carry of the last complete step is
+    yielded before the error is raised.
 
-    Where time runs out, or ``progress`` raises an `UncPhysicsError`, the carry that was reached is yielded
-    before the error is raised.
+    Parameters
+    ----------
+    begin : callable
+        Returns the carry at time 0.
+    advance_through : callable
+        Takes a carry and marks, and returns the carries at the marks (`Propagator.advance_through`).
+    marks : list of Mark
+    scene : Scene
+    compute_budget : ComputeBudget
+    progress : callable, optional
+        As in `predict`.
     """
     last, horizon = marks[-1].count, marks[-1].time
     in_one_go = compute_budget.allowed is None and progress is None
-    done, shown, told = 0, 0, compute_budget.started
+    done, shown, reported = 0, 0, compute_budget.started
 
-    def tell():
-        nonlocal told
-        told = clock()
+    def report():
+        nonlocal reported
+        reported = clock()
         if progress is not None:
             progress(done, last)
         if done < last and compute_budget.over:
             raise compute_budget.error(done * scene.dt, horizon)
 
-    def look():  # between the parts of a step that takes long
-        if clock() - told > LOOK_UP_AFTER or compute_budget.over:
-            tell()
+    def watch():  # between the parts of a long step
+        if clock() - reported > LOOK_UP_AFTER or compute_budget.over:
+            report()
 
     def complete(compute, *arguments):
-        with contextlib.nullcontext() if in_one_go else watched(look):
+        with contextlib.nullcontext() if in_one_go else watched(watch):
             found = compute_budget.complete(compute, *arguments)
         if found is None:
             raise compute_budget.error(done * scene.dt, horizon)
@@ -92,13 +112,13 @@ def simulate(
         coming = coming[len(due) :]
         stops = due.copy()
         if not due or due[-1] != whole(done + steps, scene.dt):
-            stops.append(whole(done + steps, scene.dt))  # from which the next piece goes on
+            stops.append(whole(done + steps, scene.dt))  # where the next piece begins
         try:
             carries = complete(advance_through, carry, stops)
             carry, done = carries[-1], done + steps
             if not in_one_go:
                 piece = compute_budget.next_piece(max(steps, 1), clock() - began, scene)
-                tell()
+                report()
         except UncPhysicsError:
             if done > shown:
                 yield whole(done, scene.dt), carry
@@ -119,73 +139,175 @@ def run(
     progress: Callable[[int, int], object] | None = None,
     events: Sequence[Event] = (),
 ) -> Run:
-    """Propagate a belief to all marks; the arguments are checked already.
+    """Propagate a belief to all marks; the arguments are already checked.
 
-    Anytime propagators go on until the probabilities of ``events`` are known at all marks. Raises
-    `DivergedError` if a belief is not finite, and what `simulate` raises; the ``prediction`` of such an error
-    is the `Run` to the time reached, or None.
+    Anytime propagators add rollouts until the probabilities of ``events`` are accurate enough at all marks.
+
+    Raises
+    ------
+    DivergedError
+        If a belief is not finite.
+    UncPhysicsError
+        As `simulate`. The ``prediction`` of the error is the `Run` to the time reached, or None.
     """
-    belief = constrain_belief(scene, given)
-    initial = belief if scene.acts else given  # where prescribed bodies are is not for a belief to say
-    points_history = None
-    if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
-        # a single rollout cannot begin in several ways; uncertain actions have directions of their own
-        begun = compute_budget.complete(points_at_start, with_certain_actions(scene), belief)
-        if begun is None:
-            raise compute_budget.error(0.0, marks[-1].time)
-        belief, points_history = begun
-    # shared parameters tie all bodies together for ever, what is fixed makes no island, and bounds of where
-    # bodies get to do not know what a robot does
-    divisible = len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
-    in_islands = scene.islands and divisible and isinstance(propagator, Islands)
-    runner: Any = IslandRunner(propagator, scene, marks) if in_islands else propagator
-    # what is computed from few rollouts waits for the last time, so that all can share it
-    waits = isinstance(propagator, Samples) and propagator.resamples
-    snapshots: list[Snapshot] = []
-    waiting: list[tuple[Mark, Any]] = []
-    first = None
+    return _Propagation(scene, given, propagator, marks, compute_budget, events).run(progress)
 
-    def found():
-        snapshots.extend(_snapshots_of(propagator, scene, waiting))
-        start = belief_at_start(propagator, runner, scene, first, initial)
-        return Run(initial, start, tuple(snapshots), points_history)
 
-    try:
-        for mark, carry in simulate(
-            lambda: runner.init(scene, belief),
-            lambda carry, some: runner.advance_through(carry, scene, some),
-            marks,
-            scene,
-            compute_budget,
-            progress,
-        ):
-            if mark.time == 0.0:
-                first = carry
-            elif waits:
-                waiting.append((mark, _of_all_bodies(runner, carry)))
-            else:
-                snapshots.append(snapshot(propagator, scene, carry, mark, runner))
-    except DivergedError:
-        raise
-    except UncPhysicsError as error:
-        error.prediction = found() if snapshots or waiting else None
-        raise
-    if isinstance(propagator, Anytime):
-        waiting, wide = _with_additional_rollouts(
-            propagator, scene, belief, initial, waiting, compute_budget, events, in_islands
-        )
-        result = found()
+class _Propagation:
+    """Propagation of one belief to all marks; the parameters are those of `run`."""
+
+    def __init__(self, scene, given, propagator, marks, compute_budget, events):
+        self._scene, self._marks = scene, marks
+        self._propagator: Any = propagator
+        self._compute_budget, self._events = compute_budget, events
+        belief = constrain_belief(scene, given)
+        self._initial = belief if scene.acts else given  # the paths of prescribed bodies replace their means
+        self._points_history = None
+        if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
+            # one rollout has one start; uncertain actions have their own sigma points
+            resolved = compute_budget.complete(points_at_start, with_certain_actions(scene), belief)
+            if resolved is None:
+                raise compute_budget.error(0.0, marks[-1].time)
+            belief, self._points_history = resolved
+        self._belief = belief
+        # shared parameters correlate all bodies, fixed bodies form no island, and the bounds of islands do
+        # not include prescribed paths
+        divisible = len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
+        self._in_islands = scene.islands and divisible and isinstance(propagator, Islands)
+        self._snapshots: list[Snapshot] = []
+        self._first: Any = None  # carry at time 0
+
+    def run(self, progress):
+        """Return the `Run`."""
+        scene = self._scene
+        propagator: Any = self._propagator
+        runner = self._runner(self._marks)
+        # snapshots of resampled rollouts share computations with the last one, so they are made at the end
+        waits = isinstance(self._propagator, Samples) and self._propagator.resamples
+        waiting: list[tuple[Mark, Any]] = []
+        try:
+            for mark, carry in simulate(
+                lambda: runner.init(scene, self._belief),
+                lambda carry, marks: runner.advance_through(carry, scene, marks),
+                self._marks,
+                scene,
+                self._compute_budget,
+                progress,
+            ):
+                if mark.time == 0.0:
+                    self._first = carry
+                elif waits:
+                    waiting.append((mark, _of_all_bodies(runner, carry)))
+                else:
+                    self._snapshots.append(snapshot(propagator, scene, carry, mark, runner))
+        except DivergedError:
+            raise
+        except UncPhysicsError as error:
+            error.prediction = self._result(runner, waiting) if self._snapshots or waiting else None
+            raise
+        if not isinstance(self._propagator, Anytime):
+            return self._result(runner, waiting)
+        waiting, wide = self._with_additional_rollouts(waiting)
+        result = self._result(runner, waiting)
         pairs = zip(result.snapshots, wide, strict=True)
         return result._replace(
             snapshots=tuple(one if states is None else replace(one, wide=states) for one, states in pairs)
         )
-    return found()
+
+    def _runner(self, marks, *rollouts) -> Any:
+        """Return the propagator, or the runner of its islands."""
+        if self._in_islands:
+            return IslandRunner(self._propagator, self._scene, marks, *rollouts)
+        return self._propagator
+
+    def _result(self, runner, waiting):
+        """Return the `Run` with the snapshots of the carries that waited."""
+        self._snapshots.extend(_snapshots_of(self._propagator, self._scene, waiting))
+        start = belief_at_start(runner, self._scene, self._first, self._initial)
+        return Run(self._initial, start, tuple(self._snapshots), self._points_history)
+
+    def _with_additional_rollouts(self, waiting):
+        """Add rollouts to the carries until the propagator needs no more, or time is up.
+
+        Returns the carries (mark, carry), and at each mark the states of rollouts of a wider belief, or None
+        if rare outcomes were not searched for.
+        """
+        scene, propagator, compute_budget = self._scene, self._propagator, self._compute_budget
+        marks = [mark for mark, _ in waiting]
+        simulated, factor = clock() - compute_budget.started, None
+        wide: list[np.ndarray | None] = [None] * len(marks)
+        while True:
+            last = waiting[-1][1]
+            count, spent = rollout_count(last), clock() - compute_budget.started
+            errors = self._probability_errors(waiting)
+            if factor is not None:
+                factor = _rare_factor(propagator, scene, last, wide[-1])
+            now = Spent(spent, simulated, len(waiting), errors, factor)
+            more = propagator.additional_rollouts(last, scene, now)
+            may_search = more <= 0 and factor is None and compute_budget.allowed is None
+            if may_search and propagator.looks_far(last, scene):
+                wide = wide_states(scene, self._initial, marks, count)
+                factor = _rare_factor(propagator, scene, last, wide[-1])
+                more = propagator.additional_rollouts(last, scene, now._replace(rare=factor))
+            allowed = math.inf if compute_budget.allowed is None else compute_budget.allowed
+            if more <= 0 or spent * (1.0 + more / count) > allowed:
+                return waiting, wide
+            began = clock()
+            additional = self._additional_carries(marks, count, count + more)
+            if additional is None:
+                return waiting, wide
+            waiting = [
+                (mark, propagator.concatenate(carry, new))
+                for (mark, carry), new in zip(waiting, additional, strict=True)
+            ]
+            simulated += clock() - began
+
+    def _additional_carries(self, marks, first, last):
+        """Return the carries of rollouts ``first`` to ``last`` at each mark; None if time ran out."""
+        scene, compute_budget = self._scene, self._compute_budget
+        runner = self._runner(marks, (first, last))
+        if self._in_islands:
+            begin = partial(runner.init, scene, self._belief)
+        else:
+            begin = partial(runner.init_rollouts, scene, self._belief, first, last)
+        try:
+            _, *additional = simulate(
+                begin,
+                lambda carry, marks: runner.advance_through(carry, scene, marks),
+                marks,
+                scene,
+                compute_budget,
+            )
+        except PredictionTimeoutError:  # the complete rollouts are an answer
+            if compute_budget.limit is not None:
+                compute_budget.limit.flag[0] = 0
+            return None
+        return [_of_all_bodies(runner, carry) for _, carry in additional]
+
+    def _probability_errors(self, waiting):
+        """Return half widths (T E,) of the intervals of events at all times, in standard deviations."""
+        if not self._events:
+            return np.array([])
+        propagator, scene = self._propagator, self._scene
+        found = []
+        count = rollout_count(waiting[-1][1])
+        batch = max(_OUTCOMES_AT_ONCE // count, 1)  # times; evaluating few outcomes is mostly call overhead
+        for k in range(0, len(waiting), batch):
+            carries = [carry for _, carry in waiting[k : k + batch]]
+            states = np.concatenate([propagator.rollout_states(carry, scene) for carry in carries])
+            first = np.concatenate([carry.contact_history.first_time for carry in carries])
+            outcomes = RolloutOutcomes(scene, self._initial.mean, states, first)
+            for event in self._events:
+                for share in event.happened(outcomes).reshape(len(carries), count).mean(axis=1).tolist():
+                    low, high = interval(share, count)
+                    found.append(0.5 * (high - low) / CONFIDENCE)
+        return np.array(found)
 
 
 def _snapshots_of(propagator, scene, carries):
-    """The snapshots of carries (mark, carry) of one propagator, ascending; the last one comes first.
+    """Return the snapshots of carries (mark, carry) of one propagator, which ascend.
 
-    Times between which no rollout changes, as all bodies sleep, share the later one's.
+    They are made from the last one backwards. While all bodies sleep, times share the later snapshot.
     """
     if carries:
         propagator.share_caches([carry for _, carry in carries])
@@ -199,7 +321,7 @@ def _snapshots_of(propagator, scene, carries):
 
 
 def _unchanged(carry, later):
-    """Whether all rollouts of a carry are still where they were, and met nothing else."""
+    """Return whether all rollouts of a carry equal those of a later one, with the same first contacts."""
     own, other = carry.contact_history, later.contact_history
     return (
         np.array_equal(carry.states, later.states)
@@ -209,14 +331,14 @@ def _unchanged(carry, later):
 
 
 def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runner: Any = None) -> Snapshot:
-    """Return what a carry says at a mark; raises `DivergedError` if the belief is not finite.
+    """Return the snapshot of a carry at a mark; raises `DivergedError` if the belief is not finite.
 
-    ``runner`` is what made it, by default the propagator; with islands the carry is theirs.
+    ``runner`` made the carry: the `IslandRunner`, or by default the propagator.
     """
     runner = propagator if runner is None else runner
     time = mark.time
     belief = runner.belief(carry, scene)
-    mean = with_kinematic(scene, belief.mean, time)  # prescribed bodies are where their paths say
+    mean = with_kinematic(scene, belief.mean, time)  # the paths of prescribed bodies
     if mean is not belief.mean:
         belief = Belief.trusted(mean, belief.covariance, belief.moving)
     if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
@@ -233,80 +355,22 @@ def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runne
 
 
 def points_at_start(scene: Scene, belief: Belief) -> tuple[Belief, ContactHistory]:
-    """Return the belief at time 0 that points of it represent, free of overlap and settled, and their
-    history.
-    """
+    """Return the belief of sigma points at time 0, settled and without overlap, and their history."""
     points = make_propagator(POINTS)
     carry = points.init(scene, constrain_belief(scene, belief))
     return points.belief(carry, scene), carry.contact_history
 
 
-def belief_at_start(propagator: Propagator, runner: Any, scene: Scene, first: Any, initial: Belief) -> Belief:
-    """Return the belief at time 0 that was really used: that of the carry ``first``, where any was moved."""
+def belief_at_start(runner: Any, scene: Scene, first: Any, initial: Belief) -> Belief:
+    """Return the belief of the carry ``first`` at time 0 if a body was moved, otherwise ``initial``."""
     start = _of_all_bodies(runner, first).contact_history.start
     moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
     return runner.belief(first, scene) if moved or scene.overlap == "reject" else initial
 
 
 def _of_all_bodies(runner, carry):
-    """The propagator's carry of all bodies, of islands or of a propagator."""
+    """Return the propagator's carry of all bodies from a carry of its runner."""
     return runner.whole(carry) if isinstance(runner, IslandRunner) else carry
-
-
-def _with_additional_rollouts(
-    propagator, scene, belief, initial, waiting, compute_budget, events, in_islands
-):
-    """The carries at each mark, with as many more rollouts as the propagator wants; and states of rollouts
-    of a wider belief, each None where it did not look for rare outcomes.
-    """
-    marks = [mark for mark, _ in waiting]
-    simulated, factor = clock() - compute_budget.started, None
-    wide: list[np.ndarray | None] = [None] * len(marks)
-    while True:
-        last = waiting[-1][1]
-        count, spent = rollout_count(last), clock() - compute_budget.started
-        errors = _probability_errors(propagator, scene, initial, waiting, events)
-        if factor is not None:
-            factor = _rare_factor(propagator, scene, last, wide[-1])
-        now = Spent(spent, simulated, len(waiting), errors, factor)
-        more = propagator.additional_rollouts(last, scene, now)
-        if (
-            more <= 0
-            and factor is None
-            and propagator.looks_far(last, scene)
-            and compute_budget.allowed is None
-        ):
-            wide = wide_states(scene, initial, marks, count)
-            factor = _rare_factor(propagator, scene, last, wide[-1])
-            more = propagator.additional_rollouts(last, scene, now._replace(rare=factor))
-        if more <= 0 or (
-            compute_budget.allowed is not None and spent * (1.0 + more / count) > compute_budget.allowed
-        ):
-            return waiting, wide
-        began, rollouts = clock(), (count, count + more)
-        runner: Any = IslandRunner(propagator, scene, marks, rollouts) if in_islands else propagator
-        begin = (
-            partial(runner.init, scene, belief)
-            if in_islands
-            else partial(propagator.init_rollouts, scene, belief, *rollouts)
-        )
-        try:
-            _, *additional = simulate(
-                begin,
-                lambda carry, some, of=runner: of.advance_through(carry, scene, some),
-                marks,
-                scene,
-                compute_budget,
-            )
-        except PredictionTimeoutError:
-            if compute_budget.limit is not None:
-                compute_budget.limit.flag[0] = 0
-            return waiting, wide  # rollouts that are complete are an answer
-        waiting = [
-            (mark, propagator.concatenate(carry, _of_all_bodies(runner, new)))
-            for (mark, carry), (_, new) in zip(waiting, additional, strict=True)
-        ]
-        simulated += clock() - began
 
 
 def wide_states(scene: Scene, initial: Belief, marks: list[Mark], count: int) -> list[np.ndarray | None]:
@@ -323,24 +387,7 @@ def wide_states(scene: Scene, initial: Belief, marks: list[Mark], count: int) ->
 
 
 def _rare_factor(propagator, scene, carry, wide):
-    """The largest factor on a spread by rare outcomes, of any body."""
+    """Return the largest factor by which rare outcomes widen the spread of a body."""
     if wide is None:
         return 1.0
     return float(tail_factors(scene, propagator.belief(carry, scene), wide).max(initial=1.0))
-
-
-def _probability_errors(propagator, scene, initial, waiting, events):
-    """(T E,): half widths of the intervals of events at all times, in standard deviations."""
-    found = []
-    count = rollout_count(waiting[-1][1])
-    together = max(_OUTCOMES_AT_ONCE // count, 1)  # times, as an event takes longer to call than to compute
-    for k in range(0, len(waiting) if events else 0, together):
-        some = [carry for _, carry in waiting[k : k + together]]
-        states = np.concatenate([propagator.rollout_states(carry, scene) for carry in some])
-        first = np.concatenate([carry.contact_history.first_time for carry in some])
-        outcomes = RolloutOutcomes(scene, initial.mean, states, first)
-        for event in events:
-            for share in event.happened(outcomes).reshape(len(some), count).mean(axis=1).tolist():
-                low, high = interval(share, count)
-                found.append(0.5 * (high - low) / CONFIDENCE)
-    return np.array(found)

@@ -13,7 +13,7 @@ from ..compiler.threads import in_threads
 from ..compiler.time_limit import limited
 from ..dynamics import contact_history as histories
 from ..dynamics.actions import no_actions
-from ..dynamics.contact_history import ContactHistory
+from ..dynamics.contact_history import ContactHistory, InitialAdjustment
 from ..dynamics.implicit_world import rest_steps
 from ..dynamics.rollout import rollout
 from ..initialization.lowering import lower
@@ -37,21 +37,20 @@ from ..spatial.layout import (
 )
 from ..spatial.rotation import rotation_matrix
 
-_STEP = 1.0 / 60.0  # of bodies that come to rest [s]
-_QUIET_TIME, _LONGEST = 0.15, 3.0  # for which bodies settle at first, and at most [s]
-_TRIED, _ACCEPTANCE = 400, 0.05  # samples drawn at once, and the least share of them that must do
-_ASLEEP = 0.1  # how long what has settled has not moved [s]
-#: Of the height [m] and tilt [rad] of what is at rest: they come from contact, and no belief is surer of
-# them.
+_STEP = 1.0 / 60.0  # time step of settling [s]
+_FIRST_SETTLING, _LONGEST_SETTLING = 0.15, 3.0  # simulated times of the first attempt and of all attempts [s]
+_ASLEEP = 0.1  # time without motion after which a body counts as settled [s]
+_DRAWN_AT_ONCE, _ACCEPTANCE = 400, 0.05  # samples, and the smallest share of them without overlap
+#: Least standard deviations of the height [m] and tilt [rad] of bodies at rest, which contact determines.
 _LEAST_STD, _LEAST_TILT = 5e-3, 0.03
-_HONEST_STD = 3e-3  # of the height of what is at rest, of which being off is no news [m]
+_HONEST_STD = 3e-3  # least standard deviation of the height of a body at rest, when its shift is judged [m]
 
 
 def constrain_belief(scene: Scene, belief: Belief) -> Belief:
     """Return the belief under the scene's constraints.
 
-    Bodies at rest have no velocities, with certainty. Prescribed bodies are where their paths begin, and held
-    bodies move with their holders.
+    Bodies at rest have velocity zero with certainty. Prescribed bodies are at the beginning of their paths,
+    and held bodies move with their holders.
     """
     if scene.acts:
         belief = kinematic_belief(scene, belief)
@@ -71,7 +70,7 @@ def constrain_belief(scene: Scene, belief: Belief) -> Belief:
 
 
 def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
-    """(count, B, 13): states drawn from a belief; without overlap where the scene rejects it.
+    """Return states (count, B, 13) drawn from a belief, without overlap if the scene rejects it.
 
     The first k of them are the same for every larger count.
     """
@@ -80,91 +79,186 @@ def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
         return belief.sample(count, rng)
     accepted, found, drawn = [], 0, 0
     while found < count:
-        if drawn >= max(count, _TRIED) and found < _ACCEPTANCE * drawn:
+        if drawn >= max(count, _DRAWN_AT_ONCE) and found < _ACCEPTANCE * drawn:
             raise LimitExceededError(
                 f"finds no overlap in only {found} of {drawn} samples, fewer than {_ACCEPTANCE:.0%}; take"
                 " 'project'",
                 field="overlap",
                 value=scene.overlap,
             )
-        states = belief.sample(max(count, _TRIED), rng)
-        overlap = _look(scene, belief, states).overlap
-        some = states[(overlap <= TOUCHING).all(axis=1)]
-        accepted.append(some)
-        found, drawn = found + len(some), drawn + len(states)
+        states = belief.sample(max(count, _DRAWN_AT_ONCE), rng)
+        overlap = _Resolution(scene, belief, states).adjustment().overlap
+        free = states[(overlap <= TOUCHING).all(axis=1)]
+        accepted.append(free)
+        found, drawn = found + len(free), drawn + len(states)
     return np.concatenate(accepted)[:count]
 
 
 def resolve_initial_overlap(
     scene: Scene, belief: Belief, states: np.ndarray
 ) -> tuple[np.ndarray, ContactHistory]:
-    """Move states (N, B, 13) that were drawn from a belief out of overlap, and let bodies at rest settle.
+    """Move states (N, B, 13) drawn from a belief out of overlap, and let bodies at rest settle.
 
-    The scene's ``overlap`` says whether what overlaps is projected away (`initialization.projection`); bodies
-    ``at_rest`` then settle on what is below them. The belief is as `constrain_belief` returns it. The history
-    that is returned with the states has the kept overlaps, and in ``start`` what was done.
+    Overlap is projected away (`initialization.projection`) unless the scene's ``overlap`` is ``keep``. Bodies
+    that are ``at_rest`` then settle on their supports. The belief is as `constrain_belief` returns it. The
+    history, returned with the states, holds the remaining overlap, and in ``start`` the changes made.
     """
-    world = scene.world
-    history = histories.fresh(len(states), world)
-    if world.implicit is None:
-        return states, history
     resting = _resting(scene)
+    if scene.world.implicit is None:
+        return states, histories.fresh(len(states), scene.world)
     if scene.overlap == "keep" and not resting.any():
-        return states, history._replace(start=_look(scene, belief, states))
-    states, drawn = states.copy(), states
-    kept = np.zeros(history.first_time.shape, np.float32)
-    metric = _metric(scene, belief)
-    sides = _sides(scene, belief, metric)
+        resolution = _Resolution(scene, belief, states)
+        return states, histories.fresh(len(states), scene.world)._replace(start=resolution.adjustment())
+    drawn, states = states, states.copy()
+    resolution = _Resolution(scene, belief, states)
+    sides = resolution.sides()
     if scene.overlap != "keep":
-        _project(scene, belief, metric, states, sides, history, kept)
+        resolution.project(sides)
     if resting.any():
-        history = _settle(scene, belief, drawn, states, sides, history, kept, resting)
+        resolution.settle(drawn, sides, resting)
         if scene.overlap != "keep" and not resting[scene.moving].all():
-            _project(scene, belief, metric, states, sides, history, kept, resting)
-    if kept.any():
-        history = history._replace(solver=history.solver._replace(kept_overlap=kept))
+            resolution.project(sides, resting)
+    history = resolution.history
+    if resolution.kept.any():
+        history = history._replace(solver=history.solver._replace(kept_overlap=resolution.kept))
     return states, history
 
 
 def move_out_of_overlap(
     scene: Scene, belief: Belief, states: np.ndarray, bodies: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Move some ``bodies`` of states (N, B, 13) out of overlap, at any time; the others stay where they are.
+    """Move some ``bodies`` of states (N, B, 13) out of overlap, at any time; the other bodies do not move.
 
-    The scene has the implicit integrator. The belief's covariance is the metric in which poses without
-    overlap are the nearest. Returned are the states, and the overlaps (N, B, B + E) that could not come free
-    [m].
+    The scene has the implicit integrator. The belief's covariance is the metric of the nearest pose without
+    overlap. Returns the states, and the remaining overlap (N, B, B + E) [m].
     """
-    states, history = states.copy(), histories.fresh(len(states), scene.world)
-    kept = np.zeros(history.first_time.shape, np.float32)
+    states = states.copy()
     held = np.ones(len(scene.bodies), bool)
     held[list(bodies)] = False
-    metric = _metric(scene, belief)
-    _project(scene, belief, metric, states, _sides(scene, belief, metric), history, kept, held)
-    return states, kept
+    resolution = _Resolution(scene, belief, states)
+    resolution.project(resolution.sides(), held)
+    return states, resolution.kept
+
+
+class _Resolution:
+    """Removal of overlap from states (N, B, 13), in place, and settling of bodies at rest.
+
+    Attributes
+    ----------
+    history : ContactHistory
+        Of the states; ``start`` holds the changes made.
+    kept : (N, B, B + E) array
+        Remaining overlap [m].
+    """
+
+    def __init__(self, scene: Scene, belief: Belief, states: np.ndarray, metric: Metric | None = None):
+        self._scene, self._belief, self._states = scene, belief, states
+        self._metric = _metric(scene, belief) if metric is None else metric
+        self.history: Any = histories.fresh(len(states), scene.world)
+        self.kept = np.zeros(self.history.first_time.shape, np.float32)
+
+    def adjustment(self) -> InitialAdjustment:
+        """Return the overlap of the states, which do not change."""
+        self.project(np.zeros((*self.kept.shape[1:], 3)), look_only=True)
+        return self.history.start
+
+    def sides(self) -> np.ndarray:
+        """Return on which side of each other bodies are in the mean without overlap (`sides_of`)."""
+        mean = self._belief.mean[None].copy()
+        of_mean = _Resolution(self._scene, self._belief, mean, self._metric)
+        of_mean.project(np.zeros((*self.kept.shape[1:], 3)))
+        return sides_of(mean[0], limited(self._scene.world))
+
+    def project(self, sides: np.ndarray, held: np.ndarray | None = None, look_only: bool = False) -> None:
+        """Move the states to the nearest poses without overlap; bodies that are ``held`` (B,) do not move."""
+        world, metric, own = limited(self._scene.world), self._metric, held_at_start(self._scene)
+        held = own if held is None else held | own
+        if held.any():
+            world = _with_fixed(world, held)
+            metric = metric._replace(place=np.where(held, -1, metric.place))
+        given = ProjectionInput(self._belief.mean.copy(), metric, sides, look_only)
+
+        def run(part):
+            own: Any = histories.samples(self.history, part)
+            project(
+                self._states[part], given, ProjectionOutput(own.start, own.first_time, self.kept[part]), world
+            )
+
+        in_threads(len(self._states), run)
+
+    def settle(self, drawn: np.ndarray, sides: np.ndarray, resting: np.ndarray) -> None:
+        """Let the bodies ``resting`` (B,) come to rest; the other bodies do not move.
+
+        First they are lowered onto their supports (`lowering.lower`), which keeps the spread of their
+        horizontal positions. Time steps from rest then show which of them are stable. ``drawn`` (N, B, 13)
+        are the states before overlap was removed.
+        """
+        scene, states, kept = self._scene, self._states, self.kept
+        world = _with_fixed(limited(scene.world), ~resting)
+        still, before = states.copy(), states[:, resting]
+        still[..., VELOCITY] = still[..., ANGULAR_VELOCITY] = 0.0
+        start = self.history.start
+
+        def run(part):
+            lower(still[part], sides, world, histories.samples(self.history, part).start, kept[part])
+
+        in_threads(len(still), run)
+        nothing_below = start.unsettled.any(axis=1)
+        memory = self._simulate_settling(still, np.flatnonzero(~nothing_below), world, resting)
+        states[:, resting] = np.where(nothing_below[:, None, None], before, still[:, resting])
+        states[:, resting, VELOCITY] = states[:, resting, ANGULAR_VELOCITY] = 0.0
+        self._note_settling(drawn, resting)
+        if resting[scene.moving].all():
+            memory.solver.residual[:] = 0.0
+            _note_support(self.history.first_time, memory.solver)
+            solver = memory.solver._replace(kept_overlap=self.history.solver.kept_overlap)
+            self.history = self.history._replace(solver=solver)
+
+    def _simulate_settling(self, still, restless, world, resting):
+        """Simulate the samples ``restless`` of ``still`` until their bodies sleep; return the history."""
+        implicit = world.implicit._replace(rest_steps=rest_steps(_STEP))
+        without_actions = world.environment._replace(actions=no_actions(still.shape[1]))
+        creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit, environment=without_actions)
+        memory: Any = histories.fresh(len(still), world)
+        if self.kept.any():
+            memory = memory._replace(solver=memory.solver._replace(kept_overlap=self.kept.copy()))
+        time = _FIRST_SETTLING
+        while len(restless) and time <= _LONGEST_SETTLING:
+            states, own = still[restless], histories.samples(memory, restless)
+            rollout(states, own, creeping, 0, math.ceil(time / _STEP))
+            still[restless] = states
+            for values, others in zip(memory.solver, own.solver, strict=True):
+                values[restless] = others
+            asleep = own.solver.rest_steps[:, resting] * _STEP >= _ASLEEP
+            self.history.start.unsettled[np.ix_(restless, np.flatnonzero(resting))] = ~asleep
+            restless, time = restless[~asleep.all(axis=1)], 2.0 * time
+        return memory
+
+    def _note_settling(self, drawn, resting):
+        """Record in the history how far settling moved and tilted the bodies."""
+        belief, states, start = self._belief, self._states, self.history.start
+        down, flat = _down(self._scene)
+        bodies = np.flatnonzero(resting)
+        # the direction of gravity in the bodies' frames
+        before, after = (
+            turned(x[:, bodies, QUATERNION] * [-1.0, -1.0, -1.0, 1.0], down) for x in (drawn, states)
+        )
+        cross = np.linalg.norm(np.cross(before, after), axis=-1)
+        start.tilted[:, bodies] = np.arctan2(cross, (before * after).sum(axis=-1))
+        blocks = belief.blocks[np.searchsorted(belief.moving, bodies)]
+        vertical = np.einsum("i,bij,j->b", down, blocks[:, ERR_POSITION, ERR_POSITION], down)
+        std = np.sqrt(np.maximum(vertical, 0.0))
+        sunk = np.abs((states[:, bodies, POSITION] - drawn[:, bodies, POSITION]) @ down)
+        frames = [rotation_matrix(belief.mean[k, QUATERNION]) for k in bodies]
+        spreads = [R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T for R, P in zip(frames, blocks, strict=True)]
+        tilts = np.sqrt([np.trace(flat @ spread @ flat) / 2.0 for spread in spreads])
+        far = sunk / np.maximum(std, _HONEST_STD), start.tilted[:, bodies] / np.maximum(tilts, _LEAST_TILT)
+        start.moved[:, bodies] = np.maximum.reduce([start.moved[:, bodies], *far])
 
 
 def _resting(scene):
-    """(B,) bool: which bodies stand still on something at time 0."""
+    """Return which bodies (B,) are at rest at time 0."""
     return np.array([body.at_rest for body in scene.bodies])
-
-
-def _look(scene, belief, states):
-    """The `InitialAdjustment` of states that stay as they are."""
-    history: Any = histories.fresh(len(states), scene.world)
-    kept = np.zeros(history.first_time.shape, np.float32)
-    nowhere, metric = np.zeros((*kept.shape[1:], 3)), _metric(scene, belief)
-    _project(scene, belief, metric, states, nowhere, history, kept, look_only=True)
-    return history.start
-
-
-def _sides(scene, belief, metric):
-    """On which sides of each other the mean, without overlap, has the bodies (`overlap_search.sides_of`)."""
-    mean = belief.mean[None].copy()
-    history = histories.fresh(1, scene.world)
-    kept = np.zeros(history.first_time.shape, np.float32)
-    _project(scene, belief, metric, mean, np.zeros((*kept.shape[1:], 3)), history, kept)
-    return sides_of(mean[0], limited(scene.world))
 
 
 def _metric(scene, belief):
@@ -177,25 +271,8 @@ def _metric(scene, belief):
     return Metric(P, np.abs(P).max(axis=(1, 3)) > 0.0, place)
 
 
-def _project(scene, belief, metric, states, sides, history, kept, held=None, look_only=False):
-    """Move states (N, B, 13) in place to where nothing overlaps; bodies that are ``held`` (B,) stay."""
-    world, mean, own = limited(scene.world), belief.mean.copy(), held_at_start(scene)
-    held = own if held is None else held | own
-    if held.any():
-        world = _without(world, held)
-        metric = metric._replace(place=np.where(held, -1, metric.place))
-
-    given = ProjectionInput(mean, metric, sides, look_only)
-
-    def run(some):
-        own: Any = histories.samples(history, some)
-        project(states[some], given, ProjectionOutput(own.start, own.first_time, kept[some]), world)
-
-    in_threads(len(states), run)
-
-
 def _free_resting(scene, belief, P):
-    """Let bodies at rest move up and tilt, however sure the belief is of their height and tilt."""
+    """Add variances to a covariance ``P`` by which bodies at rest can move up and tilt."""
     for k, body in enumerate(belief.moving):
         if scene.bodies[body].at_rest:
             down, flat = _down(scene)
@@ -206,81 +283,18 @@ def _free_resting(scene, belief, P):
 
 
 def _down(scene):
-    """Direction of gravity (3,), and the projection (3, 3) on what is across it."""
+    """Return the direction of gravity (3,), and the projection (3, 3) onto the horizontal plane."""
     down = scene.gravity / np.linalg.norm(scene.gravity)
     return down, np.eye(3) - np.outer(down, down)
 
 
-def _without(world, held):
-    """The world in which some bodies (B,) do not move."""
+def _with_fixed(world, held):
+    """Return the world in which the bodies ``held`` (B,) do not move."""
     b = world.bodies
     inverse_mass, inverse_inertia = b.inverse_mass.copy(), b.inverse_inertia.copy()
     inverse_mass[held], inverse_inertia[held] = 0.0, 0.0
     bodies = b._replace(moving=b.moving & ~held, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia)
     return world._replace(bodies=bodies)
-
-
-def _settle(scene, belief, drawn, states, sides, history, kept, resting):
-    """Let bodies come to rest in states (N, B, 13), in place; the others stay where they are.
-
-    They sink first (`lowering.lower`), so that what lies across keeps its spread; then steps that each begin
-    at rest find out what holds. Returns the history.
-    """
-    world = _without(limited(scene.world), ~resting)
-    still, before = states.copy(), states[:, resting]
-    still[..., VELOCITY] = still[..., ANGULAR_VELOCITY] = 0.0
-    start = history.start
-
-    def run(some):
-        lower(still[some], sides, world, histories.samples(history, some).start, kept[some])
-
-    in_threads(len(still), run)
-    implicit = world.implicit._replace(rest_steps=rest_steps(_STEP))
-    nobody_acts = world.environment._replace(actions=no_actions(states.shape[1]))
-    creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit, environment=nobody_acts)
-    memory = histories.fresh(len(still), world)
-    if kept.any():
-        memory = memory._replace(solver=memory.solver._replace(kept_overlap=kept.copy()))
-    nothing_below = start.unsettled.any(axis=1)
-    restless = np.flatnonzero(~nothing_below)
-    time = _QUIET_TIME
-    while len(restless) and time <= _LONGEST:
-        some, own = still[restless], histories.samples(memory, restless)
-        rollout(some, own, creeping, 0, math.ceil(time / _STEP))
-        still[restless] = some
-        for values, others in zip(memory.solver, own.solver, strict=True):
-            values[restless] = others
-        asleep = own.solver.rest_steps[:, resting] * _STEP >= _ASLEEP
-        start.unsettled[np.ix_(restless, np.flatnonzero(resting))] = ~asleep
-        restless, time = restless[~asleep.all(axis=1)], 2.0 * time
-    states[:, resting] = np.where(nothing_below[:, None, None], before, still[:, resting])
-    states[:, resting, VELOCITY] = states[:, resting, ANGULAR_VELOCITY] = 0.0
-    _note_settling(scene, belief, drawn, states, start, resting)
-    if not resting[scene.moving].all():
-        return history
-    memory.solver.residual[:] = 0.0
-    _note_support(history.first_time, memory.solver)
-    return history._replace(solver=memory.solver._replace(kept_overlap=history.solver.kept_overlap))
-
-
-def _note_settling(scene, belief, drawn, states, start, resting):
-    """Tell ``start`` how far settling moved and tilted the bodies."""
-    down, flat = _down(scene)
-    bodies = np.flatnonzero(resting)
-    # the direction of gravity in the bodies' frames
-    before, after = (
-        turned(x[:, bodies, QUATERNION] * [-1.0, -1.0, -1.0, 1.0], down) for x in (drawn, states)
-    )
-    cross = np.linalg.norm(np.cross(before, after), axis=-1)
-    start.tilted[:, bodies] = np.arctan2(cross, (before * after).sum(axis=-1))
-    blocks = belief.blocks[np.searchsorted(belief.moving, bodies)]
-    std = np.sqrt(np.maximum(np.einsum("i,bij,j->b", down, blocks[:, ERR_POSITION, ERR_POSITION], down), 0.0))
-    sunk = np.abs((states[:, bodies, POSITION] - drawn[:, bodies, POSITION]) @ down)
-    frames = [rotation_matrix(belief.mean[k, QUATERNION]) for k in bodies]
-    spreads = [R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T for R, P in zip(frames, blocks, strict=True)]
-    tilts = np.sqrt([np.trace(flat @ spread @ flat) / 2.0 for spread in spreads])
-    far = sunk / np.maximum(std, _HONEST_STD), start.tilted[:, bodies] / np.maximum(tilts, _LEAST_TILT)
-    start.moved[:, bodies] = np.maximum.reduce([start.moved[:, bodies], *far])
 
 
 def _note_support(first_time, memory):
