@@ -31,10 +31,10 @@ _OF_BELIEF = (*_PLACES, *STDS, "covariance", "origin")
 
 
 def apply_action(scene: Scene, belief: Belief, action: Action, field: str) -> tuple[Scene, Belief]:
-    """Return the scene and the belief about it that an action makes of those given.
+    """Return the scene and the belief after an action.
 
-    Raises `UncPhysicsError`, in which the action is called ``field``, if it is no action, names what is not
-    there, or makes no scene or no belief.
+    Raises `UncPhysicsError`, which calls the action ``field``, if it is of another type, names an unknown
+    body or element, or returns no scene or no belief.
     """
     try:
         scene, belief = _applied(scene, belief, action)
@@ -64,7 +64,7 @@ def _applied(scene, belief, action):
 
 
 def _with_changes(scene, belief, changes):
-    """With other fields of some bodies and elements."""
+    """Return the scene and the belief with other fields of some bodies and elements."""
     bodies, elements = list(scene.bodies), list(scene.environment)
     names = [body.name for body in bodies] + element_names(elements)
     beliefs = {}
@@ -94,7 +94,7 @@ def _with_changes(scene, belief, changes):
 
 
 def _replaced(thing, changes, name):
-    """A body or an element with other fields."""
+    """Return a body or an element with other fields."""
     known = [spec.name for spec in fields(thing) if spec.name != "name"]
     known += [key for key in _OF_BELIEF if key not in known] if hasattr(thing, "model") else []
     for key in changes:
@@ -108,7 +108,7 @@ def _replaced(thing, changes, name):
 
 
 def _with_beliefs(scene, belief, changes):
-    """The belief about a scene's bodies, with what a `BodyBelief` or some of its fields say of some."""
+    """Return the belief with changes of some bodies: a `BodyBelief`, or some of its fields."""
     same = np.array_equal(scene.moving, belief.moving)
     if not changes and same:
         return belief

@@ -73,7 +73,7 @@ def load_actions(
 
 
 def _scene(content, folder, models_dir):
-    """Return the scene that is written out or in a file, and the ``origin`` of each body that has one."""
+    """Return the embedded or the named scene, and the ``origin`` of each body that gives one."""
     if isinstance(content, str):
         path = folder / content
         content = read_yaml(path, "scene file")
@@ -86,7 +86,7 @@ def _scene(content, folder, models_dir):
 
 
 def _regions(entries):
-    """Regions by their names."""
+    """Return regions by their names."""
     found = {}
     for k, entry in enumerate(_list(entries, "regions")):
         field = f"regions[{k}]"
@@ -106,7 +106,7 @@ def _list(value, field):
 
 
 def _action(changes, origins, field) -> Any:
-    """Changes by the names of bodies and elements, with lists of numbers as arrays."""
+    """Return changes by the names of bodies and elements, with lists of numbers as arrays."""
     if not isinstance(changes, dict):
         problem = "must be a mapping of bodies and elements to fields and their values"
         raise InvalidRequestError(problem, field=field, value=changes)
@@ -126,7 +126,7 @@ def _action(changes, origins, field) -> Any:
 
 
 def _entry(key, value, field):
-    """The value of a field, which is written as in a scene file; a list of numbers as an array."""
+    """Return the value of a field as in a scene file; a list of numbers becomes an array."""
     if value is not None and key in _READ:
         return _READ[key](value, field)
     plain = isinstance(value, list) and all(isinstance(entry, (int, float)) for entry in value)

@@ -11,19 +11,26 @@ from ..compiler.compile_time import clock
 from ..compiler.time_limit import TimeLimit
 from ..scene.scene import Scene
 
-LOOK_UP_AFTER = 0.02  # s, wall time between looks at the clock and reports of progress
-_LEAST = 0.05  # s, wall time that kernels always have, so that most answers have a first step
-# what a piece may take: of what those before it took or of what is allowed, and at most [s]. Each begins all
-# rollouts' search for contacts anew, and its threads wait for the slowest, so there should be few
+LOOK_UP_AFTER = 0.02  # s, wall time between checks of the clock and reports of progress
+_LEAST = 0.05  # s, wall time that kernels always get, so that most answers have a first step
+# time of a piece: share of the time spent or allowed, and largest time [s]. Pieces should be few, as each
+# begins a new contact search in all rollouts, and its threads wait for the slowest one
 _SHARE_OF_SPENT, _SHARE_OF_ALLOWED, _LONGEST = 0.5, 0.05, 0.25
-# what a piece may take that is looked after rollout by rollout: so many times what those before it took, and
-# such a share of the time that is left
+# time of a piece whose rollouts are separate calls: multiple of the time spent, and share of the time left
 _TIMES_SPENT, _SHARE_OF_REST = 8.0, 0.8
 
 
 class ComputeBudget(NamedTuple):
-    """The computation time that is allowed [s], if any, since when [s], and what ends kernels by then, if
-    anything does.
+    """Computation time that a prediction may take.
+
+    Attributes
+    ----------
+    allowed : float or None
+        Limit of the wall time [s].
+    started : float
+        Beginning of the wall time [s].
+    limit : TimeLimit or None
+        Ends running kernels; None if they cannot be ended.
     """
 
     allowed: float | None
@@ -32,7 +39,7 @@ class ComputeBudget(NamedTuple):
 
     @property
     def over(self):
-        """Whether it ran out."""
+        """Whether the time ran out."""
         return self.allowed is not None and clock() - self.started > self.allowed
 
     def complete(self, compute: Callable[..., Any], *arguments) -> Any:
@@ -52,9 +59,9 @@ class ComputeBudget(NamedTuple):
     def next_piece(self, steps: int, took: float, scene: Scene) -> int:
         """Return the number of steps of the next piece of a prediction, when ``steps`` steps took ``took`` s.
 
-        Where parameters are uncertain each rollout is a call of its own, which takes as long as dozens of
-        steps. These are looked after one by one, so that a piece may take longer: a few times as long as all
-        before it, of which nothing is left if time runs out meanwhile.
+        With uncertain parameters each rollout is a separate call, which takes as long as dozens of steps. The
+        time limit is checked between these calls, so a piece may be longer: several times as long as all
+        before it. A piece is lost if time runs out meanwhile.
         """
         spent = clock() - self.started
         if not scene.uncertain:
@@ -79,5 +86,5 @@ def first_piece(scene: Scene) -> int:
 
 
 def _fitting(steps, took, longest, growth):
-    """Steps that fit in a time [s] if one takes as long as before; at most ``growth`` times as many."""
+    """Return the steps that fit in a time [s] at the last pace; at most ``growth`` times as many."""
     return max(1, min(growth * steps, round(steps * longest / max(took, 1e-9))))

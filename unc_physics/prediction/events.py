@@ -72,7 +72,7 @@ class RolloutOutcomes(NamedTuple):
     known_until: np.ndarray | None = None
 
     def known_until_of(self, names: Iterable[str]) -> np.ndarray:
-        """(N,): until when all of some bodies are known [s]; names of elements count for nothing."""
+        """Return the times (N,) until which all of some bodies are known [s]; elements have no limit."""
         until = np.full(len(self.states), np.inf)
         for k, body in enumerate(self.scene.bodies):
             if self.known_until is not None and body.name in names:
@@ -88,7 +88,7 @@ class Event(ABC):
 
     @abstractmethod
     def bounds(self, outcomes: RolloutOutcomes) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) bool each: in which outcomes it certainly happens, and in which it may happen."""
+        """Return in which outcomes (N,) the event certainly happens, and in which it may happen."""
 
     @abstractmethod
     def check(self, scene: Scene, field: str) -> None:
@@ -100,16 +100,15 @@ class Event(ABC):
         """Names of the bodies and elements that it is about."""
 
     def happened(self, outcomes: RolloutOutcomes) -> np.ndarray:
-        """(N,) bool: in which outcomes it happens for certain."""
+        """Return in which outcomes (N,) the event certainly happens."""
         return self.bounds(outcomes)[0]
 
     def margin(self, outcomes: RolloutOutcomes) -> float | None:
-        """Median distance of the outcomes from the event's border, in standard deviations over them; None
-        where events have no distance.
+        """Return the median distance of the outcomes from the event's border, in standard deviations.
 
-        It is positive where the event happens in more than half of them, and at most 8 either way: what is
-        farther from the border never reaches it. Contacts have no distance, and do
-        not count; None also where they decide, so that the distances of the rest contradict the outcomes.
+        It is positive if the event happens in more than half of the outcomes, and clipped to +-8. Contacts
+        have no distance and are ignored. Returns None if the event has no distance, or if contacts decide it,
+        so that the distances of the other parts contradict the outcomes.
         """
         distances = self.scaled_distances(outcomes)
         if distances is None:
@@ -119,14 +118,15 @@ class Event(ABC):
         return None if margin * (share - 0.5) < 0.0 else margin
 
     def scaled_distances(self, outcomes: RolloutOutcomes) -> np.ndarray | None:
-        """Distances (N,) of the outcomes from the event's border, in standard deviations over them, positive
-        where it happens; None where it has no distance.
+        """Return distances (N,) of the outcomes from the event's border, in standard deviations.
+
+        They are positive where the event happens. Returns None if the event has no distance.
         """
         return None
 
     @property
     def parts(self) -> tuple[tuple[Event, bool], ...]:
-        """The events that happen together, or itself; each with whether it happens, or does not."""
+        """The events of a conjunction, or the event itself, each with whether it must happen or must not."""
         return ((self, True),)
 
     def __and__(self, other: Event) -> Event:
@@ -393,7 +393,7 @@ class Touches(BodyEvent):
         return happened, happened | np.isfinite(outcomes.known_until_of(self.names))
 
     def first_times(self, outcomes: RolloutOutcomes) -> np.ndarray:
-        """(N,): times of the first contact [s], infinite without one."""
+        """Return the times of the first contact (N,) [s], infinite without one."""
         b, columns = _body(self.object, outcomes.scene), self._columns(outcomes.scene, "other")
         first = outcomes.first_contacts
         assert first is not None
@@ -414,7 +414,7 @@ class Touches(BodyEvent):
         return (Touches, self.names)
 
     def _columns(self, scene, field):
-        """Index of the other body; or of elements, as a slice of the columns of first contacts."""
+        """Return the index of the other body, or the columns of first contacts with elements as a slice."""
         bodies = len(scene.bodies)
         if self.other == ENVIRONMENT:
             return slice(bodies, None)
@@ -430,7 +430,7 @@ class Touches(BodyEvent):
 
 @dataclass(frozen=True, eq=False)
 class _Pair(Event):
-    """Two events that are combined, in distances and in truth values alike."""
+    """Two events combined by the same operation on distances and truth values."""
 
     combine: ClassVar[Any]  # a ufunc
     one: Event
@@ -449,7 +449,7 @@ class _Pair(Event):
         self.other.check(scene, field)
 
     def scaled_distances(self, outcomes):
-        """Distances of both, combined; those of one where the other has none."""
+        """Return the combined distances of both events, or the distances of the event that has some."""
         one, other = self.one.scaled_distances(outcomes), self.other.scaled_distances(outcomes)
         if one is None or other is None:
             return other if one is None else one
@@ -517,7 +517,7 @@ class _Not(Event):
 
 
 def checked_events(events: Iterable[Event], scene: Scene) -> tuple[Event, ...]:
-    """Events as a tuple, each about what is in the scene."""
+    """Return events as a tuple, after checking that each is about the scene."""
     try:
         found = tuple(events)
     except TypeError:
@@ -529,8 +529,10 @@ def checked_events(events: Iterable[Event], scene: Scene) -> tuple[Event, ...]:
 
 
 def encounters(scene: Scene) -> list[Touches]:
-    """Return the contacts that may happen: of each pair of bodies of which one moves, in the scene's order;
-    then of each moving body with each element of the environment, and with any of them.
+    """Return all possible contacts with a moving body.
+
+    First pairs of bodies, in the scene's order; then each moving body with each element of the environment,
+    and with the environment as a whole.
     """
     elements = element_names(scene.environment)
     found = [
@@ -551,24 +553,24 @@ def moving_names(scene: Scene) -> list[str]:
 
 
 def up_of(scene: Scene) -> np.ndarray:
-    """(3,): the direction against gravity; the z axis where there is none."""
+    """Return the direction against gravity (3,), or the z axis without gravity."""
     strength = np.linalg.norm(scene.gravity)
     return -scene.gravity / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
 def _top_of_body(model, states, up):
-    """(N,): height of the highest point of a body in states (N, 13) [m]."""
+    """Return the height of the highest point of a body in states (N, 13): (N,) [m]."""
     own_up = np.array([rotation_matrix(q).T @ up for q in states[:, QUATERNION]])
     return states[:, POSITION] @ up + (own_up @ model.centers.T + model.radii).max(axis=1)
 
 
 def _bracketed(event, kind):
-    """An event as a text, in brackets where it is of a kind."""
+    """Return an event as a text, in brackets if it is of a kind."""
     return f"({event})" if isinstance(event, kind) else str(event)
 
 
 def _hashable(value):
-    """A field of an event."""
+    """Return the hashable value of an event's field."""
     if isinstance(value, np.ndarray):
         return tuple(value.ravel().tolist())
     if isinstance(value, BoxRegion):

@@ -1,6 +1,6 @@
 """Samples of an initial belief that fly until their bodies first touch something.
 
-Until then all propagators agree: bodies fly freely, and contacts are searched for, no more.
+Until then all propagators agree, as bodies fly freely.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class Flights(NamedTuple):
 def first_contacts(
     scene: Scene, initial: Belief, marks: Sequence[Mark], samples: int, seed: int = 0
 ) -> list[Flights]:
-    """Let samples of a belief at time 0 fly until they touch something, up to each of the ascending marks.
+    """Simulate flights of samples of a belief at time 0 until their first contacts, up to each of the marks.
 
-    Where a robot acts, they go on to the end.
+    The marks ascend. In scenes in which a robot acts, samples do not stop at contacts.
     """
     initial = constrain_belief(scene, initial)
     states, history = resolve_initial_overlap(scene, initial, draw(scene, initial, samples, seed))
@@ -68,7 +68,10 @@ def first_contacts(
 
 
 def _advance(states, history, stopped, scene, z, begin, steps):
-    """Advance the flights in place. Where a robot acts, nothing is stopped, and parameters ``z`` matter."""
+    """Advance the flights in place.
+
+    In scenes in which a robot acts, no body stops, and the uncertain parameters ``z`` are used.
+    """
     world, first = scene.world, history.first_time
     if scene.acts and scene.uncertain:
         rollout_varied(states, history, scene, z, begin, steps)
@@ -82,9 +85,9 @@ def _advance(states, history, stopped, scene, z, begin, steps):
 
 @kernel(noinline=True)
 def _own_world(world, environment, implicit):
-    """A world in which bodies can be stopped without stopping them in the one given.
+    """Return a world with its own copy of the data that stops bodies.
 
-    ``environment`` and ``implicit`` are the world's, or None to compile without them.
+    ``environment`` and ``implicit`` are those of the world, or None to compile without them.
     """
     b = world.bodies
     return World(
@@ -111,7 +114,7 @@ def _own_world(world, environment, implicit):
 
 @kernel
 def _fly(states, first, stopped, world, environment, begin, steps):
-    """Advance the states in place; a body counts as fixed from the step on in which it touches something."""
+    """Advance the states in place; a body is fixed from the step in which it touches something."""
     for n in range(len(states)):
         own = _own_world(world, environment, None)
         left = _fix(stopped[n], own.bodies)
@@ -127,7 +130,7 @@ def _fly(states, first, stopped, world, environment, begin, steps):
 def _fly_until_one_stops(done, total, arguments, world, work, contacts):
     """Advance a flight by implicit steps until a body stops, room overflows, or all have stopped.
 
-    Returns the number of steps done, and ``total`` where all have stopped.
+    Returns the number of steps done, and ``total`` if all have stopped.
     """
     x, first, stopped, memory, n, begin = arguments
     bodies, flight = world.bodies, rollout_of(first, memory, n, world)
@@ -145,7 +148,7 @@ _complete_flight = with_growing_room(_fly_until_one_stops)
 
 @kernel
 def _fly_implicit(states, first, stopped, world, memory, begin, steps):
-    """As `_fly`, by implicit steps; ``memory`` is a `SolverMemory`."""
+    """Advance the states by implicit steps, as `_fly`; ``memory`` is a `SolverMemory`."""
     for n in range(len(states)):
         own = _own_world(world, world.environment, world.implicit)
         if _fix(stopped[n], own.bodies) > 0:
@@ -155,7 +158,7 @@ def _fly_implicit(states, first, stopped, world, memory, begin, steps):
 
 @inner
 def _fix(stopped, bodies):
-    """Fix the bodies that were stopped; returns how many still move."""
+    """Fix the stopped bodies; return the number of moving ones."""
     left = 0
     for i in range(len(stopped)):
         bodies.moving[i] = bodies.moving[i] and stopped[i] == np.inf
@@ -168,7 +171,7 @@ def _fix(stopped, bodies):
 
 @inner
 def _stop(first, stopped, bodies):
-    """Stop the bodies that touched something; returns how many still move."""
+    """Stop the bodies that touched something; return the number of moving ones."""
     for i in range(len(stopped)):
         if not bodies.moving[i]:
             continue

@@ -31,12 +31,14 @@ from ..scene.marks import Mark
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, VELOCITY
 
-#: Standard deviations that bodies are kept apart by, and that uncertain parameters are thought to reach.
+#: Width of boxes, and assumed range of uncertain parameters, in standard deviations.
 SIGMAS = 5.0
-_NEAR_AT_START = 0.03  # how near bodies begin together, whose overlap is projected away [m]
+_NEAR_AT_START = (
+    0.03  # distance below which bodies share an island at time 0, when overlap is projected away [m]
+)
 _SHORTEST = 8  # steps in the shortest slice
-_LONGEST = 65536  # and in the longest
-_ROUND_OFF = 1e-9  # relative growth of energy that is no surprise
+_LONGEST = 65536  # steps in the longest slice
+_ROUND_OFF = 1e-9  # relative growth of energy that counts as round-off
 
 
 class Island(NamedTuple):
@@ -50,10 +52,9 @@ class Island(NamedTuple):
 
 
 class IslandsCarry(NamedTuple):
-    """State between steps: the islands, their carries at step ``step``, and the slice from ``begin`` to
-    ``end``.
+    """State between steps: islands, their carries at ``step``, and the slice from ``begin`` to ``end``.
 
-    The carry of an island that is alone stays that of the slice's beginning.
+    The carry of an island that is alone stays at the beginning of the slice.
     """
 
     islands: tuple[Island, ...]
@@ -64,9 +65,7 @@ class IslandsCarry(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Where bodies are and how they move: lowest and highest values, each (B, 3); 0 width for
-    fixed bodies.
-    """
+    """Lowest and highest positions and velocities of bodies, each (B, 3); of width 0 for fixed bodies."""
 
     low: np.ndarray
     high: np.ndarray
@@ -76,18 +75,18 @@ class Bounds(NamedTuple):
 
 
 class IslandRunner:
-    """Runs a propagator that supports islands island by island, in its place in the driver.
+    """Propagator, for the driver, that propagates each island separately.
 
-    Each of the scene's uncertain parameters is of one moving body (not `Scene.shared_parameters`). Slices end
-    at ascending ``marks`` that are whole steps. ``rollouts`` are the first one and the one after the last, in
-    place of all (`propagators.base.Rollouts`).
+    Each of the scene's uncertain parameters belongs to one moving body (`Scene.shared_parameters` is false).
+    Slices end at those of the ascending ``marks`` that are whole steps. ``rollouts`` limits the rollouts to a
+    range, from the first index to the one after the last (`propagators.base.Rollouts`).
     """
 
     def __init__(
         self, propagator: Any, scene: Scene, marks: Sequence[Mark], rollouts: tuple[int, int] | None = None
     ):
         self._propagator, self._scene, self._rollouts = propagator, scene, rollouts
-        # a belief between two steps is that of a copy: whether it is wanted changes no slice
+        # a belief between two steps is computed from a copy, so that requesting it changes no slice
         self._ends = [mark.steps for mark in marks if mark.rest == 0.0] + [marks[-1].count]
         bodies, world = scene.bodies, scene.world
         mass = np.array([body.mass for body in bodies])
@@ -104,10 +103,10 @@ class IslandRunner:
         self._can_fly = isinstance(propagator, ClosedFormFlight) and not scene.gyroscopic
         self._samples_jointly = isinstance(propagator, JointlySampledIslands)
         self._parts = {}
-        self._joined_last: Any = None, None  # a carry, and what it is as a whole
+        self._joined_last: Any = None, None  # a carry and its joint carry
 
     def init(self, scene: Scene, belief: Belief) -> IslandsCarry:
-        """The islands at time 0: bodies that touch, or whose beliefs are correlated, are together."""
+        """Return the islands at time 0; bodies that touch or have correlated beliefs share an island."""
         moving = scene.moving
         self._mean = belief.mean
         whole = None
@@ -136,7 +135,7 @@ class IslandRunner:
         return IslandsCarry(islands, tuple(carries), 0, 0, 0)
 
     def _near(self, belief):
-        """(n, 2): pairs of bodies whose beliefs may overlap at time 0, where it matters what overlaps."""
+        """Return pairs (n, 2) of bodies whose beliefs may overlap at time 0, if overlap matters."""
         scene = self._scene
         if scene.integrator == "explicit":
             return np.empty((0, 2), np.int64)
@@ -148,7 +147,7 @@ class IslandRunner:
         return pairs[self._moving[pairs].any(axis=1)]
 
     def advance(self, carry: IslandsCarry, scene: Scene, steps: int) -> IslandsCarry:
-        """The carry after some steps; no result depends on how these are divided into calls."""
+        """Return the carry after some steps; the division of steps into calls does not matter."""
         target = carry.step + steps
         while carry.step < target:
             if carry.step == carry.end:
@@ -164,7 +163,7 @@ class IslandRunner:
         return carry
 
     def advance_through(self, carry: IslandsCarry, scene: Scene, marks: Sequence[Mark]) -> list[IslandsCarry]:
-        """The carry at each of several marks, ascending."""
+        """Return the carry at each of several marks, ascending."""
         found = []
         for mark in marks:
             carry = self.advance(carry, scene, mark.steps - carry.step)
@@ -172,10 +171,10 @@ class IslandRunner:
         return found
 
     def _finished(self, carry, mark):
-        """The carry at a mark, from that after its whole steps, which stays as it is."""
+        """Return the carry at a mark from the carry after its whole steps, which does not change."""
         if mark.rest == 0.0:
             return carry
-        while carry.begin < carry.step:  # the slice of a copy ends here, or is done again
+        while carry.begin < carry.step:  # end the slice of the copy here, or begin it again
             carry = self._close(carry._replace(end=carry.step))
             carry = self.advance(carry, self._scene, mark.steps - carry.step)
         islands = self._plan(carry).islands
@@ -192,7 +191,7 @@ class IslandRunner:
         return IslandsCarry(islands, carries, carry.step, carry.step, carry.step)
 
     def belief(self, carry: IslandsCarry, scene: Scene) -> Belief:
-        """The belief about all bodies: blocks, or the joint covariance with zeros between islands.
+        """Return the belief about all bodies: blocks, or the joint covariance with zeros between islands.
 
         A propagator that samples all bodies jointly computes it from all its samples, as without islands.
         """
@@ -222,7 +221,7 @@ class IslandRunner:
         return Belief.trusted(mean, P, moving)
 
     def whole(self, carry: IslandsCarry) -> Any:
-        """The propagator's carry for all bodies of the scene."""
+        """Return the propagator's carry for all bodies of the scene."""
         if self._joined_last[0] is not carry:
             islands = [
                 island._replace(carry=now)
@@ -232,7 +231,7 @@ class IslandRunner:
         return self._joined_last[1]
 
     def _present(self, carry):
-        """Each island's carry at the present step."""
+        """Return each island's carry at the present step."""
         count = carry.step - carry.begin
         return tuple(
             self._flown(island, count) if island.alone and count > 0 else now
@@ -245,7 +244,7 @@ class IslandRunner:
         return self._propagator.propagate_flight(island.carry, flight)
 
     def _part(self, bodies):
-        """The scene of some bodies; made once, and sharing the sphere trees."""
+        """Return the cached scene of some bodies, which shares the sphere trees."""
         key = tuple(bodies.tolist())
         if key not in self._parts:
             scene, world = self._scene, self._scene.world
@@ -263,7 +262,7 @@ class IslandRunner:
         return [c for c, parameter in enumerate(self._scene.uncertain) if parameter.body in known]
 
     def _joined(self, islands, bodies):
-        """One carry of several islands' for ``bodies``, all of theirs and fixed ones."""
+        """Return one carry of several islands for ``bodies``: those of the islands, and fixed ones."""
         scene = self._part(bodies)
         parts = [
             Part(
@@ -304,16 +303,16 @@ class IslandRunner:
         return Bounds(low, high, slowest, fastest, spin)
 
     def _energies(self, bounds):
-        """(B,): the most kinetic energy that each body may have [J]."""
+        """Return the largest kinetic energy that each body may have (B,) [J]."""
         speed = np.maximum(np.abs(bounds.slowest), np.abs(bounds.fastest))
         squares = np.sum(speed**2, axis=1) + self._stiffest * np.sum(bounds.spin**2, axis=1)
         return np.where(self._moving, 0.5 * self._heaviest * squares, 0.0)
 
     def _boxes(self, bounds, time, labels, energy, contact):
-        """Boxes that bodies stay in for a time: lowest and highest corners, each (B, 3).
+        """Return boxes that bodies do not leave for a time: lowest and highest corners, each (B, 3).
 
-        ``energy`` (B,) is that of each body's island. That of M kilograms grows by falling, so that
-        ``sqrt(2 E) <= sqrt(2 E_0) + sqrt(M) g t``, and all of it may be one body's.
+        ``energy`` (B,) is the energy of each body's island. Falling increases the energy of M kilograms, so
+        that ``sqrt(2 E) <= sqrt(2 E_0) + sqrt(M) g t``. One body may have all of it.
         """
         gravity, fall = self._scene.gravity, 0.5 * time * (time + self._scene.dt)
         low = bounds.low + np.minimum(bounds.slowest, 0.0) * time + np.minimum(gravity, 0.0) * fall
@@ -331,10 +330,10 @@ class IslandRunner:
         return low - reach, high + reach
 
     def _reach(self, bounds, time, labels, energy, contact, mass):
-        """(B,): how far from a body's centre of mass it matters to others [m].
+        """Return how far from its centre of mass each body may affect others (B,) [m].
 
-        The implicit step computes bodies together that may come near in a step, however far from touching
-        (`contact_search.find_groups`); they are to be of one island.
+        The implicit step computes bodies together that may come close within a step
+        (`contact_search.find_groups`). Such bodies must share an island.
         """
         if self._scene.integrator == "explicit":
             return self._radius
@@ -355,9 +354,7 @@ class IslandRunner:
         return self._radius + self._scene.dt * (pace + thrown) + NEAR
 
     def _plan(self, carry):
-        """Begin a slice: choose its end, merge the islands that may meet in it, and add what
-        they may reach.
-        """
+        """Begin a slice: choose its end, join islands that may meet, and add fixed bodies within reach."""
         scene = self._scene
         bounds = self._bounds(carry.islands, self._present(carry))
         energies = self._energies(bounds)
@@ -404,10 +401,10 @@ class IslandRunner:
         )
 
     def _meeting(self, bounds, time, labels, energy, merge):
-        """Find the islands that may meet within a time, and make them one if they are to ``merge``.
+        """Find islands that may meet within a time, and join them if they are to ``merge``.
 
-        Returns labels (B,) of the islands, whether different islands may meet, pairs (n, 2) of bodies that
-        may touch, of which one moves, and which bodies (B,) may touch something.
+        Returns labels (B,) of the islands; whether different islands may meet; pairs (n, 2) of bodies that
+        may touch, at least one of which moves; and which bodies (B,) may touch something.
         """
         moving = self._moving
         contact = moving & (np.bincount(labels, moving, len(labels))[labels] > 1)
@@ -436,7 +433,7 @@ class IslandRunner:
             contact = contact | touching
 
     def _reaches_elements(self, low, high):
-        """(B,): whether each box may touch an element of the environment."""
+        """Return whether each box may touch an element of the environment (B,)."""
         environment = self._scene.world.environment
         found = np.zeros(len(low), bool)
         if environment is None:
@@ -453,10 +450,10 @@ class IslandRunner:
         return found
 
     def _close(self, carry):
-        """End a slice; or begin it again where more energy turned up than the bounds were made for."""
+        """End a slice, or begin it again if its energy exceeds the bounds of its plan."""
         present = self._present(carry)
         if len(carry.islands) > 1:
-            # what flies freely has the energy that it was thought to have
+            # free flight has the planned energy
             met = [k for k, island in enumerate(carry.islands) if not island.alone]
             energies = self._energies(
                 self._bounds([carry.islands[k] for k in met], [present[k] for k in met])
@@ -488,7 +485,7 @@ class IslandRunner:
 
 
 def _restricted(belief, bodies):
-    """The belief about some bodies."""
+    """Return the belief about some bodies."""
     moving = np.flatnonzero(np.isin(bodies, belief.moving))
     place = np.searchsorted(belief.moving, bodies[moving])
     if belief.independent:
@@ -503,7 +500,7 @@ def _restricted(belief, bodies):
 
 
 def _in_contact(memory):
-    """Pairs of bodies that remember a contact with each other, as what is at rest begins with."""
+    """Return pairs of bodies with a contact in the solver's memory, as bodies at rest have at time 0."""
     if memory is None:
         return np.empty((0, 2), np.int64)
     known = np.arange(memory.contact.shape[1]) < memory.count[:, None]
@@ -512,7 +509,7 @@ def _in_contact(memory):
 
 
 def _correlated(belief):
-    """Pairs of bodies whose beliefs are correlated."""
+    """Return pairs of bodies whose beliefs are correlated."""
     if belief.independent:
         return np.empty((0, 2), np.int64)
     count = len(belief.moving)
@@ -521,7 +518,7 @@ def _correlated(belief):
 
 
 def merged(labels, pairs):
-    """Labels, made one wherever a pair of them is to be."""
+    """Return the labels after joining each of some pairs of them."""
     root = np.arange(len(labels))
 
     def find(a):
@@ -537,7 +534,7 @@ def merged(labels, pairs):
 
 
 def _overlapping(low, high):
-    """(n, 2): pairs of boxes that overlap, by a sweep along x."""
+    """Return pairs (n, 2) of boxes that overlap, by a sweep along x."""
     order = np.argsort(low[:, 0], kind="stable")
     ends = np.searchsorted(low[order, 0], high[order, 0], side="left")
     counts = np.maximum(ends - np.arange(1, len(order) + 1), 0)

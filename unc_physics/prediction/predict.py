@@ -27,7 +27,7 @@ from .probability import is_certain
 from .request_checks import check_memory, check_supported, marks_of
 from .simulated_scene import left_out, without, without_idle_parts
 
-#: Flights up to the first contacts, of a prediction that is asked for events.
+#: Number of flights until the first contacts, if events are requested.
 FLIGHTS = 1000
 
 
@@ -131,7 +131,7 @@ def predict(
 
 
 def _with_flights(prediction, marks):
-    """The prediction with flights at each time, where samples of its own do not tell as much."""
+    """Return the prediction with flights at each time, unless the propagator's own samples suffice."""
     scene, last = prediction.scene, prediction.at()
     propagator = prediction.propagator
     enough = isinstance(propagator, Anytime) or (isinstance(propagator, Samples) and not propagator.resamples)
@@ -149,16 +149,15 @@ def _with_flights(prediction, marks):
 
 
 def _flies_uncertainly(scene):
-    """Whether parameters are uncertain that matter before a contact."""
+    """Return whether uncertain parameters matter before the first contact."""
     return any(parameter.name not in Materials._fields for parameter in scene.uncertain)
 
 
 def start_belief(scene: Scene, belief: Belief) -> Belief:
-    """The belief at time 0 that predictions begin with, without a prediction: as points of its
-    covariance have it.
+    """Return the belief at time 0 of a prediction with a single nominal rollout, without a prediction.
 
-    Overlap is projected away from each, and what is at rest settles, as `predict` does it; nothing changes
-    with the explicit integrator. It is what a propagator with a single nominal rollout begins with.
+    With the implicit integrator it has the moments of sigma points that are moved out of overlap, and in
+    which bodies at rest settle. With the explicit one it is the given belief.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One body of a prediction, by its name: where it will be, how surely, and what it will touch."""
+"""Prediction of one body: moments, samples, modes and status."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .snapshot import Snapshot
 if TYPE_CHECKING:
     from .prediction import Prediction
 
-#: The point whose position and velocity are told.
+#: Point that position and velocity refer to.
 Origin = Literal["center_of_mass", "model"]
 Convention = Literal["ros", "error_state"]
 
@@ -38,9 +38,9 @@ Convention = Literal["ros", "error_state"]
 class PredictedBody:
     """Prediction of one body at one time; `Prediction.body` makes it.
 
-    Position and linear velocity are those of ``origin``: the centre of mass, or the model's own origin. Their
-    means and covariances are those of the distribution of this point, from rollouts where there are some.
-    Everything is computed when it is asked for.
+    Position and linear velocity refer to ``origin``: the centre of mass, or the model's own origin. Their
+    means and covariances are moments of the distribution of this point, from rollouts if there are any.
+    Properties are computed on access.
 
     Attributes
     ----------
@@ -49,9 +49,9 @@ class PredictedBody:
         Simulated time from the start [s].
     origin : {'center_of_mass', 'model'}
     fixed : bool
-        Whether it never moves; then all its standard deviations are 0.
+        Whether the body never moves; all standard deviations are then 0.
     prescribed : bool
-        Whether it follows a path; then they are, too.
+        Whether the body follows a path; all standard deviations are then 0.
     """
 
     def __init__(
@@ -144,7 +144,7 @@ class PredictedBody:
         return self._about_fixed_axes()[2].reshape(6, 6)
 
     def samples(self, count: int | None = None) -> np.ndarray:
-        """(count, 13): states ``[p, v, q, omega]`` of the body, drawn as `Prediction.samples` draws them."""
+        """Return states ``[p, v, q, omega]`` of the body (count, 13), drawn as in `Prediction.samples`."""
         states = self._prediction.samples(count, time=self.time)[:, [self._body]]
         if self.origin == "model":
             states = moved_along(states, self._model_origin()[None, None])
@@ -152,19 +152,19 @@ class PredictedBody:
 
     @property
     def modes(self) -> tuple[Mode, ...]:
-        """The outcomes that the body's state splits into, most probable first, at the centre of mass.
+        """Outcomes of the body at its centre of mass, the most probable first.
 
-        A single Gaussian where the propagator has no samples, or the body does not move freely.
+        A single Gaussian if the propagator has no samples, or the body does not move freely.
         """
         return self._snapshot.modes(self._prediction.scene, self._body)
 
     def status(self, *, rollouts: int = ROLLOUTS) -> BodyStatus:
-        """How far the body's prediction can be trusted (`assess`)."""
+        """Return how reliable the prediction of the body is (`assess`)."""
         (statuses,) = judge(replace(self._prediction, snapshots=(self._snapshot,)), rollouts)
         return statuses[self._body]
 
     def _belief(self):
-        """Belief about all bodies, at the point that is told."""
+        """Belief about all bodies, at the origin."""
         if self.origin == "center_of_mass":
             return self._snapshot.belief
         return self._snapshot.at_model_origins(self._prediction.scene, self._prediction.propagator)
@@ -216,7 +216,7 @@ class Trajectory:
 
     @classmethod
     def of(cls, bodies: Sequence[PredictedBody]) -> Trajectory:
-        """From one body at each of the times."""
+        """Return the trajectory of one body from its predictions at all times."""
         return cls(
             times=np.array([body.time for body in bodies]),
             positions=np.array([body.position for body in bodies]),

@@ -79,7 +79,6 @@ class Prediction:
         Returns
         -------
         matplotlib.figure.Figure
-            Which a notebook shows, and ``savefig`` writes.
         """
         return draw_prediction(self, title)
 
@@ -92,7 +91,7 @@ class Prediction:
     @overload
     def __getitem__(self, key: slice) -> Prediction: ...
     def __getitem__(self, key: str | slice) -> PredictedBody | Prediction:
-        """Return the body of that name at the horizon, as `body` does; or the prediction of some times."""
+        """Return the body of that name at the horizon, as `body`; or the prediction of a slice of times."""
         if isinstance(key, slice):
             return replace(self, snapshots=self.snapshots[key])
         return self.body(key)
@@ -242,20 +241,20 @@ class Prediction:
         return own[:count].copy()
 
     def probability(self, event: Event, *, time: float | None = None) -> Probability:
-        """Estimate how probable an event is.
+        """Estimate the probability of an event.
 
         Parameters
         ----------
         event : Event
-            Such as ``InRegion("cup", bin) & ~Touches("cup", "wall")``. States are those at the time, contacts
-            those up to it.
+            For example ``InRegion("cup", bin) & ~Touches("cup", "wall")``. It refers to states at the time
+            and to contacts up to it.
         time : float, optional
             As in `at`.
 
         Returns
         -------
         Probability
-            Of a propagator without samples that `predict` was not given events for, the interval is 0 to 1.
+            The interval is 0 to 1 for a propagator without samples if the event was not given to `predict`.
 
         Raises
         ------
@@ -269,9 +268,9 @@ class Prediction:
         return probabilities.probability(self.scene, self.initial, self.at(time), event)
 
     def contact_time(self, event: Touches, *, time: float | None = None) -> ContactTime | None:
-        """Return when two things first touch, given that they do; None where no outcome has a contact.
+        """Return the time of the first contact, given that there is one; None if no outcome has a contact.
 
-        The arguments and the errors are those of `probability`.
+        Arguments and errors are those of `probability`.
         """
         instance(event, Touches, "event")
         event.check(self.scene, "event")

@@ -1,9 +1,9 @@
-"""Probabilities of events, counted in what a prediction holds: samples, rollouts, or flights.
+"""Probabilities of events, counted in the samples, rollouts or flights of a prediction.
 
-An estimate comes with an interval, which counts what the number of rollouts leaves open and what the method
-cannot see. The Gaussian of a propagator without samples is no measure of probability once bodies have touched
-(``python -m unc_physics evaluate calibration``). For these, samples of the initial belief fly up to their
-first contacts (`first_contacts`): they decide an event, or leave it open, which counts half.
+An estimate has an interval for the finite number of rollouts and the limits of the method. The Gaussian of a
+propagator without samples is no measure of probability once bodies have touched
+(``python -m unc_physics evaluate calibration``). Such a prediction uses samples of the initial belief that
+fly until their first contacts (`first_contacts`). A flight that does not decide the event counts half.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..scene.scene import Scene
 from .events import Event, RolloutOutcomes, Touches
 from .snapshot import ContactTime, Probability, Snapshot
 
-#: Half width of the interval of a share, in standard deviations: one share in a thousand lies outside.
+#: Half width of the interval of a share, in standard deviations; it misses one share in a thousand.
 CONFIDENCE = 3.29
 _DRAWN = 1000  # states of a Gaussian
 
@@ -37,10 +37,10 @@ _found: weakref.WeakKeyDictionary[Snapshot, tuple[_Source, ...]] = weakref.WeakK
 
 
 def probability(scene: Scene, initial: Belief, snapshot: Snapshot, event: Event) -> Probability:
-    """Estimate how probable an event is at a snapshot's time, by the method with the narrowest interval.
+    """Return the probability of an event at a snapshot's time, by the method with the narrowest interval.
 
-    ``initial`` is the belief at time 0 that was given, and the event is about bodies of the scene. Raises
-    `NotSupportedError` if the prediction comes from a node that was not asked for the event.
+    ``initial`` is the given belief at time 0. Raises `NotSupportedError` if the prediction comes from a node
+    that was not asked for the event.
     """
     if not event.needs_contacts and not event.names & {body.name for body in scene.bodies if body.free}:
         mean = RolloutOutcomes(scene, initial.mean, snapshot.belief.mean[None])
@@ -57,12 +57,12 @@ def probability(scene: Scene, initial: Belief, snapshot: Snapshot, event: Event)
 
 
 def contact_time(scene: Scene, initial: Belief, snapshot: Snapshot, event: Touches) -> ContactTime | None:
-    """Return when two things first touch, given that they do; None where no outcome has a contact.
+    """Return the time of the first contact, given that there is one; None if no outcome has a contact.
 
     The arguments are those of `probability`.
     """
     if snapshot.received is not None:
-        probability(scene, initial, snapshot, event)  # was it asked for?
+        probability(scene, initial, snapshot, event)  # raises an error if it was not requested
         return snapshot.received.contact_times.get(event)
     _, best = _best(event, _sources(scene, initial, snapshot))
     times = event.first_times(best.outcomes).astype(float)
@@ -71,7 +71,7 @@ def contact_time(scene: Scene, initial: Belief, snapshot: Snapshot, event: Touch
 
 
 def sample_outcomes(scene: Scene, initial: Belief, snapshot: Snapshot) -> RolloutOutcomes:
-    """Return the outcomes of a snapshot's samples, where each is a rollout of its own."""
+    """Return the outcomes of a snapshot's samples, each of which is a rollout."""
     assert snapshot.rollout_states is not None
     return RolloutOutcomes(scene, initial.mean, snapshot.rollout_states, snapshot.first_contacts)
 
@@ -85,7 +85,7 @@ def is_certain(scene: Scene, initial: Belief, snapshot: Snapshot) -> bool:
 
 
 def interval(share: float, count: int) -> tuple[float, float]:
-    """Lowest and highest probability that may have given a share of ``count`` draws (Wilson 1927)."""
+    """Return the bounds of a probability from a share of ``count`` draws (Wilson 1927)."""
     square = CONFIDENCE**2 / count
     middle = (share + 0.5 * square) / (1.0 + square)
     half = CONFIDENCE * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
@@ -94,13 +94,13 @@ def interval(share: float, count: int) -> tuple[float, float]:
 
 
 def _best(event, sources):
-    """The probability of an event with the narrowest interval, and its source."""
+    """Return the probability of an event with the narrowest interval, and its source."""
     found = [(_counted(event, source), source) for source in sources]
     return min(found, key=lambda pair: pair[0].high - pair[0].low)
 
 
 def _counted(event, source):
-    """The probability of an event from one source."""
+    """Return the probability of an event from one source."""
     certainly, possibly = event.bounds(source.outcomes)
     low, high = float(certainly.mean()), float(possibly.mean())
     estimate = 0.5 * (low + high)

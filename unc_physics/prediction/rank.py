@@ -35,27 +35,25 @@ _BUDGET_SHARE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class RankedAction:
-    """One of the actions, and how good it is.
+    """Action with its score, its difference from the first action, and its prediction.
 
     Attributes
     ----------
     name : str
     prediction : Prediction
-        By all of the action's rollouts.
+        From all rollouts of the action.
     score : Probability
-        Of the event that actions are ranked by.
+        Of the event by which actions are ranked.
     difference : Difference
-        Of the score from that of the first action, over the draws that both have.
+        From the score of the first action, over the draws that both have.
     margin : float or None
         Distance of the outcomes from failure, in standard deviations over the rollouts (`Event.margin`); None
-        where the score's events have no distance.
+        if the events of the score have no distance.
     tied : bool
-        Whether the score is within a standard error of the best one. Tied actions are in order of their
-        margins.
+        Whether the score is within a standard error of the best one. Tied actions are ordered by margin.
     clearly_worse : bool
-        Whether another action is better for certain: a best action is called so in one ranking of a thousand.
+        Whether another action is better; wrong for the best action in at most one ranking of a thousand.
     rollouts : int
-        How many its answers rest on.
     """
 
     name: str
@@ -117,7 +115,7 @@ class Ranking:
         return iter(self.actions)
 
     def __getitem__(self, name: str) -> RankedAction:
-        """The action of that name."""
+        """Return the action of that name."""
         names = [action.name for action in self.actions]
         if name not in names:
             raise InvalidRequestError(f"is no action{hint(str(name), names)}", field="name", value=name)
@@ -246,9 +244,9 @@ def rank_candidates(
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Ranking:
-    """As `rank`, of scenes and beliefs by their names, with a Monte Carlo propagator.
+    """Rank scenes and beliefs by their names, as `rank`, with a Monte Carlo propagator.
 
-    Raises `Failed` with what is wrong with one of them, and otherwise an `UncPhysicsError`.
+    Raises `Failed` with the error of a candidate, and otherwise an `UncPhysicsError`.
     """
     count, rollouts = len(candidates), propagator.samples
     usual = max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
@@ -290,7 +288,7 @@ def _outcomes(prediction):
 
 
 def _ranking(candidate_rollouts, score, smallest_first, seed):
-    """The ranking by the rounds until now."""
+    """Return the ranking from the rounds so far."""
     halving, margins, actions = candidate_rollouts.halving, [], []
     for prediction in candidate_rollouts.predictions:
         margin = score.margin(_outcomes(prediction))

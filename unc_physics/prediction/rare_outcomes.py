@@ -1,4 +1,4 @@
-"""Outcomes that few rollouts miss: estimated from rollouts of a belief that is spread wider."""
+"""Outcomes that few rollouts miss, estimated from rollouts of a wider belief."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ..scene.scene import Scene
 from ..spatial.layout import POSITION, QUATERNION
 from ..spatial.moments import pose_spreads
 
-#: Rollouts of a wider belief with which rare outcomes are looked for, at most as many as a prediction has.
+#: Rollouts of a wider belief in the search for rare outcomes; at most as many as the prediction has.
 WIDE_ROLLOUTS = 24
 #: Factor on a standard deviation from which on rare outcomes count.
 MATTER = 1.4
-_FAR = 8.0  # standard deviations, that wide rollouts of what responds linearly do not reach
-#: Spreads below which there is none [m], [rad]: contacts give way by as much.
+_FAR = 8.0  # standard deviations; wide rollouts of a linear response stay below
+#: Least spreads [m], [rad], as contacts are as soft.
 _SPREAD_FLOORS = 5e-5, 1e-3
 
 
 def tail_factors(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
-    """(B, 2): factors by which far outcomes widen the standard deviations of position and rotation.
+    """Return factors (B, 2) by which far outcomes widen the standard deviations of position and rotation.
 
     ``wide`` (R, B, 13) are states at the same time, of rollouts that began with `balanced_monte_carlo.WIDE`
     times the spread.
@@ -40,10 +40,10 @@ def tail_factors(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
 
 
 def _widened(distances):
-    """Factor on a standard deviation, from distances (R,) of wide rollouts over it.
+    """Return the factor on a standard deviation, from distances (R,) of wide rollouts in units of it.
 
-    The largest of these are the ends of intervals of probability: that of the k-th of R is taken to be beyond
-    a threshold that a share (k - 1/2) / R of wide rollouts passes.
+    Squares of far distances are summed, weighted by the tail probabilities between them. The tail of the k-th
+    largest of R begins at the threshold that a share (k - 1/2) / R of wide rollouts exceeds.
     """
     far = np.sort(distances)[::-1]
     far = far[far > _FAR]

@@ -1,4 +1,4 @@
-"""Boxes in space to ask about: how probable is it that a body ends up inside?"""
+"""Boxes in space, for the probability that a body ends up inside."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..spatial.rotation import rotation_matrix
 
 @dataclass(frozen=True, eq=False)
 class BoxRegion:
-    """A box in space to ask about.
+    """Box in space, for the probability that a body ends up inside.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class BoxRegion:
     size : (3,) array
         Edge lengths [m].
     position : (3,) array
-        Of its centre, world frame [m].
+        Centre, world frame [m].
     orientation : (4,) array
         Quaternion (x, y, z, w) of ``R_world_region``.
 
@@ -50,10 +50,10 @@ class BoxRegion:
         object.__setattr__(self, "orientation", quaternion(self.orientation, f"orientation {of}"))
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """(...,) bool: which points (..., 3) [m], world frame, lie in the box or on its surface."""
+        """Return which points (..., 3) [m], world frame, lie in the box or on its surface."""
         return self.depths(points) >= 0.0
 
     def depths(self, points: np.ndarray) -> np.ndarray:
-        """(...,): distances of points (..., 3) [m], world frame, from the nearest side; negative outside."""
+        """Return distances of points (..., 3) [m], world frame, from the nearest side; negative outside."""
         R = rotation_matrix(self.orientation)
         return (0.5 * self.size - np.abs((points - self.position) @ R)).min(axis=-1)

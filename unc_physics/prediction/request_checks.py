@@ -1,4 +1,4 @@
-"""Checks of what a prediction is asked for, before it begins."""
+"""Checks of the arguments of a prediction."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..spatial.layout import ERROR, STATE
 STEPS_LIMIT = 100_000_000
 TIMES_LIMIT = 100_000
 _NUMBER, _SHORT = 8, 4  # bytes of a double and of a single
-_COPIES = 2  # of what rollouts remember: each piece of a prediction begins with a copy
+_COPIES = 2  # of the rollouts' memory: each piece of a prediction begins with a copy
 _MATRICES = 4  # as large as the joint covariance, while a belief is made of states
 _PAIR = 150  # bytes of each pair of things in a rollout's workspace
 _REMEMBERED = 32  # bytes of a contact that a rollout remembers
@@ -40,8 +40,10 @@ def periodic_times(scene: Scene, period: float, horizon: float, field: str = "pe
 
 
 def check_supported(scene: Scene, propagator: Propagator) -> None:
-    """Raise `NotSupportedError` unless the propagator takes integrator, overlap, actions and uncertain
-    parameters, but for materials, which it may leave out (`simulated_scene.left_out`).
+    """Raise `NotSupportedError` unless the propagator supports the scene.
+
+    Integrator, overlap, actions and uncertain parameters count; materials may be left out
+    (`simulated_scene.left_out`).
     """
     if scene.integrator not in propagator.integrators:
         able = names_where(lambda other: scene.integrator in other.integrators)
@@ -91,12 +93,10 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
 
 
 def marks_of(scene: Scene, horizon: float | None, times: float | Sequence[float] | None) -> list[Mark]:
-    """Return the times at which a belief is wanted, ascending; the arguments are those of `predict`.
+    """Return the marks of the requested times, ascending; the arguments are those of `predict`.
 
-    A number as ``times`` is one time.
-
-    The implicit integrator ends with a shorter step where a time is no multiple of ``dt``; the explicit one
-    does not, as its law depends on the step.
+    A number as ``times`` is one time. If a time is no multiple of ``dt``, the implicit integrator ends with a
+    shorter step. The explicit one does not, as its contact law depends on the step.
     """
     if isinstance(horizon, (list, tuple, np.ndarray)):
         raise InvalidHorizonError(
@@ -130,7 +130,7 @@ def marks_of(scene: Scene, horizon: float | None, times: float | Sequence[float]
 
 
 def _checked_mark(scene, value, field):
-    """The mark of a time [s]; raises what `marks_of` raises about it."""
+    """Return the mark of a time [s]; errors are those of `marks_of`."""
     time = positive(value, field, InvalidHorizonError)
     if time / scene.dt > STEPS_LIMIT:
         raise LimitExceededError(
@@ -149,7 +149,7 @@ def _checked_mark(scene, value, field):
 
 
 def check_memory(scene: Scene, belief: Belief, propagator: Propagator, times: int) -> None:
-    """Raise `LimitExceededError` if a prediction at so many ``times`` takes more memory than there is."""
+    """Raise `LimitExceededError` if a prediction of so many ``times`` exceeds the memory."""
     bodies, things = len(scene.bodies), len(scene.bodies) + len(scene.environment)
     rollouts = _most_rollouts(scene, belief, propagator)
     state = _NUMBER * STATE * bodies

@@ -2,8 +2,8 @@
 
 Rollout k of every action begins with the same draws, so outcomes are compared in pairs. Only rollouts in
 which two actions differ count. An action that wins no more often than another one wins at most half of
-these (the sign test). A mixture of likelihood ratios tells how improbable its wins then are; it may be looked
-at as often as wanted, after any number of draws (Robbins 1970, by Ville's inequality).
+these (the sign test). A mixture of likelihood ratios bounds the probability of its wins. The bound holds for
+any number of tests, after any number of draws (Robbins 1970, by Ville's inequality).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Probability that the best action is among those that are called clearly worse, at most.
+#: Largest probability that the best action is called clearly worse.
 RISK = 1e-3
-#: Rollouts of each action before any is judged.
+#: Rollouts of each action in the first round.
 FIRST_ROUND = 20
 
 
@@ -46,11 +46,11 @@ def difference(one: np.ndarray, other: np.ndarray) -> Difference:
 
 
 def chance(wins: int, losses: int) -> float:
-    """Upper bound of the probability that wins among pairs that differ, each won with probability one half at
-    most, ever come to be as many as this against the losses.
+    """Return an upper bound of the probability that wins ever exceed losses by as much as observed.
 
-    It is ``(m + 1) binomial(m, wins) / 2^m`` for m pairs: the inverse of their likelihood, averaged over all
-    probabilities to win, over that of one half.
+    Only pairs that differ count, and each of them is won with a probability of at most one half. The bound is
+    ``(m + 1) binomial(m, wins) / 2^m`` for m pairs: the inverse of their likelihood, averaged over all
+    probabilities to win, over their likelihood at one half.
     """
     pairs = wins + losses
     if wins <= losses:
@@ -60,7 +60,7 @@ def chance(wins: int, losses: int) -> float:
 
 
 def clearly_worse(outcomes: Sequence[np.ndarray], leader: int, limit: float) -> np.ndarray:
-    """(K,) bool: which are worse than the leader, with a `chance` of at most ``limit`` if they were not."""
+    """Return which actions (K,) are worse than the leader, by a `chance` of at most ``limit``."""
     first = outcomes[leader]
     found = np.zeros(len(outcomes), bool)
     for k, own in enumerate(outcomes):
@@ -79,24 +79,32 @@ class Round(NamedTuple):
 
 
 class SequentialHalving:
-    """Decides, round by round, which actions get more rollouts.
+    """Sequential halving: the choice, round by round, of actions that get more rollouts.
 
-    Every round doubles the rollouts of those that are left. Before it, clear losers leave, and so do the last
-    ones while the budget has no room for all: what is left of it is shared evenly among the rounds to come,
-    so that about half of the actions stay each time (successive halving, Karnin et al. 2013). Two stay in any
-    case, unless one is a clear loser; the last one gets what it may, to be known well.
+    Every round doubles the rollouts of the remaining actions. Before a round, clear losers are dropped. If
+    the budget does not suffice for the other actions, the last ones are dropped, too: the rest of the budget
+    is divided evenly among the remaining rounds, so that about half of the actions remain each time
+    (successive halving, Karnin et al. 2013). At least two remain unless one is a clear loser. A last single
+    action gets all rollouts that are left to it.
 
-    ``rollouts`` are the most of one action, and ``budget`` the most of all together, at least one for each.
-    ``risk`` is the probability, at most, that the best action is among those that are called clearly worse.
+    Parameters
+    ----------
+    actions : int
+    rollouts : int
+        Largest number of one action.
+    budget : int
+        Largest number of all actions, at least one for each.
+    risk : float
+        Largest probability that the best action is called clearly worse.
 
     Attributes
     ----------
     outcomes : list of (n,) bool arrays
-        Of each action's rollouts so far: whether it succeeded.
+        Successes of each action's rollouts so far.
     left : list of int
-        Actions that are still ranked; the best one first, once there are outcomes.
+        Remaining actions; the best one first, once there are outcomes.
     losers : set of int
-        Those that are clearly worse than another one.
+        Actions that are clearly worse than another one.
     next : Round or None
         The next round; None after the last one.
     """
@@ -127,7 +135,7 @@ class SequentialHalving:
         self.next = self._following(done.rollouts)
 
     def _following(self, count):
-        """The round after one with so many rollouts of each."""
+        """Return the round after a round of ``count`` rollouts of each action."""
         rest = self._budget - self.spent
         if count >= self._rollouts or rest < len(self.left):
             return None
@@ -140,7 +148,7 @@ class SequentialHalving:
         return Round(tuple(self.left), min(wanted, count + rest // len(self.left)))
 
     def order(self) -> list[int]:
-        """All actions: the best one, then the others by their difference from it."""
+        """Return all actions: the best one, then the others by their difference from it."""
         best = self.left[0]
         others = [k for k in range(len(self.outcomes)) if k != best]
         return [best, *sorted(others, key=lambda k: -self.difference(k, best).value)]
@@ -152,6 +160,6 @@ class SequentialHalving:
         return difference(self.outcomes[k], self.outcomes[other])
 
     def ties(self) -> list[int]:
-        """Actions within a standard error of the best one, which comes first."""
+        """Return the actions within a standard error of the best one, which comes first."""
         best = self.left[0]
         return [k for k in self.order() if k not in self.losers and self.difference(k, best).is_tie]

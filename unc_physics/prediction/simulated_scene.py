@@ -15,9 +15,9 @@ from ..spatial.layout import ERR_POSITION, ERR_VELOCITY, POSITION, VELOCITY
 
 #: Fields of uncertain parts that a propagator may leave out.
 MATERIAL_STDS = tuple(f"{name}_std" for name in Materials._fields)
-_FAR = 6.0  # standard deviations within which nothing must be reached
-_TIMES = 64  # at which distances are looked at
-#: Scenes without some fields, so that a scene that is predicted again has its arrays already.
+_FAR = 6.0  # standard deviations within which no body may reach anything
+_TIMES = 64  # at which distances are computed
+#: Cache of scenes without some fields, which hold the kernels' arrays.
 _reduced: WeakKeyDictionary[Scene, dict[tuple[str, ...], Scene]] = WeakKeyDictionary()
 
 
@@ -32,7 +32,7 @@ def left_out(scene: Scene, propagator: Propagator) -> tuple[str, ...]:
 
 
 def without(scene: Scene, names: tuple[str, ...]) -> Scene:
-    """Return the scene with these fields zero, of the scene and of its surfaces: always the same object."""
+    """Return the scene with these fields zero, also in its surfaces; cached."""
     if not names:
         return scene
     known = _reduced.setdefault(scene, {})
@@ -42,7 +42,7 @@ def without(scene: Scene, names: tuple[str, ...]) -> Scene:
 
 
 def _without(scene, names):
-    """As `without`, a new scene."""
+    """Return a new scene, as `without`."""
     of_surfaces = dict.fromkeys([name for name in names if name in MATERIAL_STDS], 0.0)
 
     def certain(surfaces):
@@ -73,7 +73,7 @@ def without_idle_parts(scene: Scene, belief: Belief, horizon: float) -> Scene:
 
 
 def _stay_apart(scene, belief, horizon):
-    """Whether all bodies fly without a contact until the horizon [s], within `_FAR` standard deviations."""
+    """Return whether all bodies fly without a contact until the horizon [s], within `_FAR` deviations."""
     if any(body.at_rest or body.center_of_mass_std.any() for body in scene.bodies):
         return False
     if (

@@ -30,16 +30,16 @@ class Probability:
     estimate : float
         From 0 to 1.
     low, high : float
-        An interval that holds the true probability of the model but in one of a thousand answers; 0 and 1
-        where nothing is known.
+        Interval that holds the true probability of the model in all but one of a thousand answers; 0 and 1 if
+        nothing is known.
     method : {'samples', 'flights', 'gaussian', 'certain', 'node'}
-        ``samples``: a share of the propagator's samples or rollouts. ``flights``: a share of samples of the
-        initial belief that fly up to their first contacts; what comes after these is open, and counts half.
-        ``gaussian``: a share of states drawn from the belief, or of the propagator's rollouts for contacts.
-        After a contact this is not a probability, so that the interval is 0 to 1. ``certain``: there is one
-        outcome only. ``node``: as a node answered.
+        ``samples``: share of the propagator's samples or rollouts. ``flights``: share of samples of the
+        initial belief that fly until their first contacts; flights that do not decide the event count half.
+        ``gaussian``: share of states drawn from the belief, or of the propagator's rollouts for contacts.
+        After a contact this is not a probability, so that the interval is 0 to 1. ``certain``: there is only
+        one outcome. ``node``: as received from a node.
     rollouts : int
-        How many simulated rollouts or flights the estimate rests on.
+        Number of simulated rollouts or flights behind the estimate.
     """
 
     estimate: float
@@ -55,8 +55,8 @@ class ContactTime(NamedTuple):
     Attributes
     ----------
     mean, std : float
-        Time of the first contact from the start: mean and standard deviation [s]. A contact has the time of
-        the end of its step, so it is up to one ``dt`` late.
+        Mean and standard deviation from the start [s]. A contact has the time of the end of its step, so it
+        is up to one ``dt`` late.
     """
 
     mean: float
@@ -119,12 +119,12 @@ class Snapshot:
 
     @cached_property
     def samples(self) -> np.ndarray | None:
-        """(N, B, 13): equally probable states that the answer consists of, as in `Belief.mean`."""
+        """(N, B, 13): equally probable states of the answer, as in `Belief.mean`."""
         return None if self.draw is None else self.draw()
 
     @cached_property
     def rollout_states(self) -> np.ndarray | None:
-        """(R, B, 13): states of rollouts, of which `samples` are made; None where there are no samples."""
+        """(R, B, 13): states of the rollouts behind `samples`; None without samples."""
         return None if self.draw_rollouts is None else self.draw_rollouts()
 
     def at_time(self, time: float) -> Snapshot:
@@ -136,10 +136,10 @@ class Snapshot:
         return other
 
     def at_model_origins(self, scene: Scene, propagator: Propagator, joint: bool = False) -> Belief:
-        """Return the moments at the models' own origins, in place of the centres of mass.
+        """Return the moments at the models' own origins instead of the centres of mass.
 
-        They are those of the rollouts or points where the propagator has some, and otherwise those of a
-        Gaussian. With ``joint`` they include the covariances between bodies.
+        They are computed from rollouts or points if the propagator has some, and otherwise from the Gaussian.
+        With ``joint`` they include the covariances between bodies.
         """
         known = self.__dict__.setdefault("at_origins", {})
         if joint not in known:
@@ -161,9 +161,9 @@ class Snapshot:
         return known[joint]
 
     def modes(self, scene: Scene, body: int) -> tuple[Mode, ...]:
-        """Outcomes that the state of a body, by its index, splits into, the most probable first.
+        """Return the outcomes of a body, by its index, the most probable first.
 
-        A single Gaussian where there are no samples, or the body does not move freely.
+        A single Gaussian if there are no samples, or the body does not move freely.
         """
         if self.received is not None:
             if self.received.modes is None:

@@ -69,7 +69,7 @@ def as_dict(
 
 
 def _modes(prediction):
-    """Modes of each body at the horizon; none of a prediction that came without them."""
+    """Return the modes of each body at the horizon; none if the prediction has no modes."""
     scene, last = prediction.scene, prediction.at()
     if last.received is not None and last.received.modes is None:
         return []
@@ -145,10 +145,10 @@ def _block(prediction, k):
 
 
 def why_no_pose(prediction: Prediction, k: int, body: int) -> str | None:
-    """Return why a body's pose at the time with index ``k`` means nothing; None where it does.
+    """Return why a body's pose at the time with index ``k`` is meaningless; None if it is not.
 
-    A linear map that is carried through many contacts can grow beyond all bounds. It has where a standard
-    deviation exceeds the size of the scene: that of all it holds at the start, and how far bodies fly.
+    A linear map through many contacts can grow without bounds. The pose is meaningless if a standard
+    deviation exceeds the size of the scene: the extent of all bodies at the start, and how far bodies fly.
     """
     scene, belief = prediction.scene, prediction.beliefs[k]
     if prediction.propagator.traits.mean_update != "nominal" or not scene.bodies[body].free:

@@ -116,7 +116,7 @@ def _judged(scene, belief, propagator, horizon):
 
 
 def _scene(physics):
-    """A rod between two others, of which the lower one is fixed."""
+    """Return a scene of a rod between two others, the lower of which is fixed."""
     row = np.arange(20) * 0.02
     centers = np.stack([row - row.mean(), np.zeros(20), np.zeros(20)], axis=1)
     inertia = np.diag([1e-3, 1e-2, 1e-2])

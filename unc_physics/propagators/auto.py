@@ -1,4 +1,4 @@
-"""An anytime answer: clouds of ever more rollouts, until they are sure enough or time is up."""
+"""Anytime propagator: clouds of more and more rollouts, until errors or time reach a limit."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from .emission import diverged, settled
 from .options import option
 
 _RARE = 1.4  # factor on a spread from which on rare outcomes count
-FIRST_RUNS = 32  # before it is known what more of them would be good for
-#: What errors are taken to fall by is the root of the number of rollouts: by so much more than that needs, in
-#: portions of so many rollouts, and by no less than such a share, as each look at the errors costs a fit.
+FIRST_RUNS = 32  # rollouts before the first estimate of errors
+#: Errors are assumed to fall by the root of the number of rollouts. A batch has a margin on that number, is a
+#: multiple of a portion, and has a least share of all rollouts, as each estimate of errors costs a fit.
 _MARGIN, _PORTION, _LEAST_GROWTH = 1.05, 8, 0.25
 _DEARER = 2.0  # times what they take now, and as much again for as many rollouts more: that answers then take
 _WORTH = 1.0 / 16.0  # share of the rollouts: time that is left for fewer more is left alone
@@ -80,7 +80,7 @@ class Auto(Cloud, Anytime):
         return max(more, 0)
 
     def looks_far(self, carry, scene):
-        """Whether contacts are hard, and neither time nor another limit ends the prediction."""
+        """Return whether contacts are hard, and neither time nor another limit ends the prediction."""
         limited = self.time > 0.0 or len(carry.states) >= self.runs
         return scene.integrator == "implicit" and not limited and not settled(self._runs(carry), scene)
 
@@ -91,7 +91,7 @@ class Auto(Cloud, Anytime):
         return super().measures(carry, scene) | {"missed_goal": missed}
 
     def _excess(self, carry, scene):
-        """(B,): the largest error of each body over what is enough."""
+        """Return the largest error of each body over its limit (B,)."""
         of_rotations = self.standard_errors if self.rotation_error > 0.0 else self._straight_errors
         errors = of_rotations(carry, scene)
         wishes = self.error, self.spread_error, self.position_error, self.rotation_error
@@ -103,7 +103,7 @@ class Auto(Cloud, Anytime):
         return result
 
     def _wanted(self, carry, scene, spent):
-        """How many rollouts more meet all wishes, it seems; as many as there may be where none ends it."""
+        """Return the estimated number of additional rollouts that meet all limits; all without limits."""
         asked = self.probability_error > 0.0 and len(spent.probability_errors) > 0
         if not (self.error or self.position_error or self.rotation_error or asked):
             return self.runs
@@ -111,10 +111,10 @@ class Auto(Cloud, Anytime):
         if asked:
             excess = max(excess, float(spent.probability_errors.max()) / self.probability_error)
         if spent.rare is not None and self.spread_error > 0.0 and spent.rare > _RARE:
-            excess = max(excess, 2.0)  # they are met by more rollouts, or were not that far out
+            excess = max(excess, 2.0)  # more rollouts either contain rare outcomes or refute them
         if excess <= 1.0:
             return 0
         count = len(carry.states)
-        growth = excess * _MARGIN * excess * _MARGIN - 1.0  # infinite for what no number of rollouts meets
+        growth = excess * _MARGIN * excess * _MARGIN - 1.0  # infinite if no number of rollouts suffices
         needed = count * max(growth, _LEAST_GROWTH)
         return _PORTION * math.ceil(min(needed, self.runs) / _PORTION)

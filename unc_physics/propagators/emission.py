@@ -33,8 +33,8 @@ _WEIGHTS = (EP, 1.0, True), (EV, 0.5, True), (ER, 1.0, False), (EW, 0.5, False)
 _CONSTANT = 1e-6
 _DIVERGED = 1e100
 _UNCORRELATED = np.empty((0, 0)), np.empty((0, 0))
-_RANK = 1e-12  # relative variances that are none
-_WIDEST = 2.0  # times, that columns of a covariance are scaled by at most
+_RANK = 1e-12  # relative variances that count as 0
+_WIDEST = 2.0  # largest factor on columns of a covariance
 #: Error over variance above which there is no surface.
 NO_SURFACE = 1.0
 
@@ -44,13 +44,12 @@ class Group(NamedTuple):
 
     key: bytes  # the same for rollouts in which the same bodies met the same things
     bodies: np.ndarray  # (m,) int
-    #: (d,) int: which of the numbers z their outcome depends on: first those of the root, then ``parameters``
-    #: others
+    #: (d,) int: the numbers z that determine the outcome: first those of the root, then ``parameters`` others
     columns: np.ndarray
     parameters: int
     root: np.ndarray  # (12 m, d - parameters)
     alone: bool  # whether they met nothing besides each other
-    flew: bool  # whether this is a body that met nothing at all, and began as the belief has it
+    flew: bool  # whether this is a body without contacts that was not moved at the start
 
 
 class _Fit(NamedTuple):
@@ -64,7 +63,7 @@ class _Fit(NamedTuple):
 
 
 class GroupFit(_Fit):
-    """A group's surface, and what its moments are computed by, once they are asked for."""
+    """Surface of a group, with the cached matrices of its moments."""
 
     @cached_property
     def map(self) -> np.ndarray:
@@ -107,11 +106,11 @@ class _Outcomes(NamedTuple):
 
 
 class Moments(_Outcomes):
-    """A group's rollouts at one time, and their moments, once they are asked for."""
+    """A group's rollouts at one time, with cached moments."""
 
     @property
     def has_surface(self) -> bool:
-        """Whether the surface says more than the rollouts' mean."""
+        """Whether the surface explains more than the rollouts' mean."""
         return self.error < NO_SURFACE
 
     @property
@@ -170,9 +169,9 @@ class Runs(NamedTuple):
 def belief_of(runs: Runs, scene: Scene) -> Belief:
     """Return mean and covariance of all outcomes.
 
-    Of each group that met something they are those of its surface, with what the rollouts differ from it. A
-    body that met nothing flies from ``points`` in closed form. Groups that depend on the same numbers are
-    correlated by what surface, flight and rollouts make of these.
+    The moments of a group that met something are those of its surface and its residuals. A body without
+    contacts flies from ``points`` in closed form. Groups that depend on the same numbers are correlated by
+    surface, flight and rollouts as functions of these numbers.
     """
     mean, moving = runs.mean.copy(), runs.moving
     if diverged(runs.states):
@@ -222,18 +221,18 @@ def belief_of(runs: Runs, scene: Scene) -> Belief:
 
 
 def _points_of(runs, group):
-    """Numbers (S, d) of a group that moments are taken over, with mean 0 and covariance 1."""
+    """Return the numbers (S, d) over which a group's moments are taken, with mean 0 and covariance 1."""
     own = runs.points[:, group.columns]
     return own if len(own) >= 4 * runs.points.shape[1] else whitened(own)
 
 
 def whitened(z: np.ndarray) -> np.ndarray:
-    """Return numbers (S, d) with mean 0 and covariance 1 to round-off; as they are where they are few."""
+    """Return numbers (S, d) with mean 0 and covariance 1 to round-off; few numbers stay unchanged."""
     count, size = z.shape
     if count < 4 * size or not size:
         return z
     z = z - z.mean(axis=0)
-    # einsum, not BLAS, whose threads wait for each other: ten times as long where others work
+    # einsum, as threads of BLAS wait for each other, which takes ten times as long on a busy machine
     L = np.linalg.cholesky(np.einsum("nr,nk->rk", z, z) / count)
     return np.einsum("nr,kr->nk", z, np.linalg.inv(L))
 
@@ -255,11 +254,11 @@ def _along(runs, scene, found):
 
 
 def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
-    """(S, B, 13): states of the models' centres of mass for standard normal numbers ``z`` (S, r + K).
+    """Return states (S, B, 13) of the models' centres of mass for standard normal numbers ``z`` (S, r + K).
 
     A sample of a group that met something is the outcome of the nearest rollout, moved by the surface.
-    Contacts of the implicit integrator are hard: there, the nearest rollout takes the place of a sample that
-    reaches deeper into something than all rollouts do.
+    Contacts of the implicit integrator are hard: a sample that penetrates deeper than all rollouts is
+    replaced by the nearest rollout.
     """
     states = np.tile(runs.mean, (len(z), 1, 1))
     if diverged(runs.states):
@@ -281,9 +280,9 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
 
 
 def _obey(states, ends, near, scene):
-    """Put rollouts in the place of samples that reach deeper into something, in place.
+    """Replace samples that penetrate deeper than all rollouts by rollouts, in place.
 
-    Bodies of one group change together; bodies of two groups have not met, so that a sample in which they
+    Bodies of one group are replaced together. Bodies of two groups have not met, so a sample in which they
     overlap takes the nearest rollout for both.
     """
     bodies = np.flatnonzero((near >= 0).any(axis=0))
@@ -320,7 +319,7 @@ def labelled(runs: Runs, scene: Scene) -> np.ndarray:
 
 @kernel
 def diverged(states):
-    """Whether states (N, B, 13) are no numbers, or so large that their squares are none."""
+    """Return whether states (N, B, 13) are not finite, or too large to be squared."""
     for n in range(len(states)):
         for i in range(states.shape[1]):
             for k in range(STATE):
@@ -338,22 +337,22 @@ def moments(runs: Runs, scene: Scene) -> Iterator[Moments]:
 
 
 def settled(runs: Runs, scene: Scene) -> bool:
-    """Whether everything is known in closed form, so that more rollouts would tell nothing."""
+    """Return whether everything is known in closed form, so that more rollouts would change nothing."""
     return all(group.flew or not _spread(runs, scene, group) for group in _groups(runs, scene))
 
 
 def _spread(runs, scene, group):
-    """Whether the rollouts of a group differ."""
+    """Return whether the rollouts of a group differ."""
     return bool(runs.z[:, group.columns].any()) or scene.draws_impacts
 
 
 def _model_centers(runs, scene):
-    """States (N, B, 13) of the points that beliefs are about."""
+    """Return the states (N, B, 13) of the points of beliefs."""
     return moved_along(runs.states, -center_offsets(scene, runs.parameters))
 
 
 def _groups(runs, scene):
-    """The groups of all moving bodies."""
+    """Return the groups of all moving bodies."""
     first, start = runs.contact_history.first_time, runs.contact_history.start
     met = np.isfinite(first).any(axis=0)
     moved = np.zeros(len(runs.mean), bool) if start is None else (start.moved > 0.0).any(axis=0)
@@ -366,7 +365,7 @@ def _groups(runs, scene):
 
 
 def _divided(runs, scene, met, moved, no_closed_form):
-    """As `_groups`, of who has met whom (B, B + E), and who was moved at the start (B,)."""
+    """Return the groups from the contacts (B, B + E) and the bodies moved at the start (B,)."""
     count, size = len(runs.mean), runs.root.shape[1]
     movable = np.zeros(count, bool)
     movable[runs.moving] = True
@@ -383,7 +382,7 @@ def _divided(runs, scene, met, moved, no_closed_form):
         bodies = np.array(sorted(found))
         root = roots[np.isin(runs.moving, bodies)]
         used = np.flatnonzero(root.any(axis=(0, 1)))
-        # surfaces, the scene and prescribed bodies are everybody's
+        # surfaces, the scene and prescribed bodies belong to all groups
         known = {*bodies.tolist(), *common}
         extra = [size + c for c, parameter in enumerate(scene.uncertain) if parameter.body in known]
         columns = np.concatenate([used, np.array(extra, np.int64)])
@@ -396,7 +395,7 @@ def _divided(runs, scene, met, moved, no_closed_form):
 
 
 def _flown(runs, scene, group, z):
-    """States (S, 1, 13) of a body that meets nothing, for its numbers ``z`` (S, d)."""
+    """Return the states (S, 1, 13) of a body without contacts, for its numbers ``z`` (S, d)."""
     own = z[:, : group.root.shape[1]]
     states = spread_states(runs.mean[group.bodies], np.arange(1), np.einsum("sr,kr->sk", own, group.root))
     flight = Flight(scene.world.gravity, course_of(scene.world, runs.step), runs.step)
@@ -432,14 +431,14 @@ def _meetings(runs, group):
 
 
 def _moments(runs, scene, group, ends):
-    """A group's `Moments`, once for the same rollouts: belief, standard errors and status all ask for it."""
+    """Return a group's cached `Moments`, which belief, standard errors and status share."""
     if group.key not in runs.moments:
         runs.moments[group.key] = _moments_of(runs, scene, group, ends[:, group.bodies])
     return runs.moments[group.key]
 
 
 def _moments_of(runs, scene, group, ends):
-    """As `_moments`, of the group's outcomes (N, m, 13), by the surface of another time if there is one."""
+    """Return the `Moments` of a group's outcomes (N, m, 13), by another time's surface if there is one."""
     fitted = runs.shared.fits.get(group.key)
     reduced = fitted.reduced if fitted is not None else None
     own = runs.z[:, group.columns]
@@ -460,7 +459,7 @@ def _moments_of(runs, scene, group, ends):
 
 @kernel
 def _error(outcomes, left_out, weights):
-    """Mean square of left-out errors (n, K) over the variance of the first n outcomes (N, K), weighted."""
+    """Return the weighted mean square of left-out errors (n, K) over the variance of outcomes (N, K)."""
     count, spread, rest = len(left_out), 0.0, 0.0
     for c in range(len(weights)):
         mean = 0.0
@@ -475,7 +474,7 @@ def _error(outcomes, left_out, weights):
 
 
 def _fit(runs, scene, group, reduced, scaled):
-    """A group's `GroupFit`, through its outcomes by their spread (N, 12 m)."""
+    """Return a group's `GroupFit` through its scaled outcomes (N, 12 m)."""
     d = len(group.columns)
     relative = np.eye(d) if reduced is None else reduced.relative
     own = runs.z[:, group.columns]
@@ -494,7 +493,7 @@ def _fit(runs, scene, group, reduced, scaled):
 
 @kernel
 def _weights(errors, radius):
-    """(12 m,): by which outcomes (N, 12 m) are by their spread, block by block; 0 for what does not vary."""
+    """Return factors (12 m,) that scale each block of outcomes (N, 12 m) by its spread; 0 for constants."""
     weights = zeros(errors.shape[1])
     for body in range(len(radius)):
         for begin, weight, in_radii in _WEIGHTS:
@@ -510,11 +509,10 @@ def _weights(errors, radius):
 
 
 def _sampled(runs, scene, found, z):
-    """States (S, m, 13) of bodies that met something, and the nearest rollouts (S,), -1 for rollouts
-    themselves.
+    """Return states (S, m, 13) of bodies that met something, and the nearest rollouts (S,).
 
-    Their mean, and their variance in each block, are those of `Moments`: a surface through few rollouts
-    varies less than outcomes do.
+    The indices are -1 for rollouts themselves. Their mean, and their variance in each block, equal those of
+    `Moments`: a surface through few rollouts varies less than outcomes do.
     """
     group, errors, reduced = found.group, found.errors, found.fit.reduced
     own = np.ascontiguousarray(z[:, group.columns])
@@ -540,7 +538,7 @@ def _sampled(runs, scene, found, z):
 
 
 def _changes(changes, errors, near):
-    """The changes (S, 12 m) of outcomes from the nearest rollout, no further than to others."""
+    """Return changes (S, 12 m) from the nearest rollout, at most as large as those to other rollouts."""
     for first in range(0, errors.shape[1], ERROR):
         for block, also in _CLIPPED:
             limit = reach(errors, first + block, 3)

@@ -31,7 +31,7 @@ class JointIsland(NamedTuple):
 
 
 def joined_means(carries: Sequence[Any], parts: Sequence[Part], joint: JointIsland) -> np.ndarray:
-    """(B, 13): the joint ``mean`` of carries that have one."""
+    """Return the joint ``mean`` (B, 13) of carries that have one."""
     mean = joint.mean.copy()
     for carry, part in zip(carries, parts, strict=True):
         mean[part.bodies] = carry.mean

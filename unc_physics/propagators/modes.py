@@ -1,4 +1,4 @@
-"""Outcomes that split: rollouts as a few weighted Gaussians, their number from the rollouts."""
+"""Modes of a prediction: rollouts as a few weighted Gaussians; the rollouts determine their number."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from ..spatial.moments import boxminus, mean_and_errors, second_moment
 
 _MOST = 5  # modes
 _ROUNDS = 20  # of k-means
-_CONSTANT = 1e-6  # spread of what does not vary
-_SMALL = 0.01  # spread of a coordinate that is no outcome [body radii, rad]
-#: Distance of two modes over the sum of their standard deviations along it, and what few rollouts add to
-#: that, over the root of their number: halves of what is flat have 1.7, of a normal distribution 1.3.
+_CONSTANT = 1e-6  # spread of a constant
+_SMALL = 0.01  # spread of an ignored coordinate [body radii, rad]
+#: Least gap between two modes: the distance over the sum of their standard deviations along it; and an
+#: allowance for few rollouts, over the root of their number. Halves of a uniform distribution have 1.7, of a
+#: normal distribution 1.3.
 _APART, _BY_CHANCE = 2.2, 5.0
-_FEWEST, _LEAST = 3, 0.05  # rollouts in a mode, and its share of what it is split from
-#: The same distance, in any coordinate, up to which two modes of many rollouts are one; parts that are cut
-#: in an oblique direction are 1.27 apart.
+_FEWEST, _LEAST = 3, 0.05  # rollouts in a mode, and its share of the part that it is split from
+#: Gap in any coordinate below which two modes of many rollouts are joined; the parts of an oblique cut have
+#: 1.27.
 _TOGETHER = 1.2
-#: Width of the gap without rollouts that a mode of a smaller share needs, over the spread of the others; of a
-#: normal distribution, three of a thousand are 0.3 from the next.
+#: Width of the empty interval beside a mode of a smaller share, over the spread of the others; three of a
+#: thousand normal numbers are 0.3 from the next.
 _EMPTY = 2.0
-#: Standard deviations from a mode's median at which a rollout is no part of it; of a normal distribution over
-#: its median absolute deviation; and the least in [body radii, rad].
+#: Standard deviations from a mode's median beyond which a rollout is an outlier; standard deviation of a
+#: normal distribution over its median absolute deviation; and least standard deviation [body radii, rad].
 _STRANGE, _NORMAL, _LEAST_SCALE = 8.0, 1.4826, 0.05
-#: Time for which rollouts go on at their velocity before such a one is compared to others [s]: about that of
-#: a fall from a table.
+#: Time for which rollouts are extrapolated before outliers are assigned [s]; about a fall from a table.
 _SOON = 0.3
 
 
 class Mode(NamedTuple):
-    """One of the outcomes that a body's state splits into.
+    """One of the outcomes of a body.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Mode(NamedTuple):
     mean : (13,) array
         State ``[p, v, q, omega]``, as in `Belief`.
     covariance : (12, 12) array
-        Of the error state about it, as in `Belief`.
+        Of the error state about the mean, as in `Belief`.
     """
 
     weight: float
@@ -61,12 +61,12 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
 
     Notes
     -----
-    Coordinates are positions and rotations in units of their spread; those that spread by less than 1 % of
-    the body's radius, or 0.01 rad, do not count. k-means from several starts divides the rollouts in two, and
-    the cut is where the gap along the line between both means is widest. Parts are divided again as long as
-    there is a gap, so that one mode is the rule. Rollouts far from the others of their part belong to the
-    part of the rollout that they come nearest to within 0.3 s. Parts in the same place, or of fewer than
-    three rollouts, are united again. A mode's weight, mean and covariance are those of its rollouts.
+    Coordinates are positions and rotations in units of their spread. Coordinates that spread by less than 1 %
+    of the body's radius, or 0.01 rad, are ignored. k-means from several starts divides the rollouts in two,
+    and the cut is at the widest gap along the line between both means. Parts with a gap are divided again, so
+    that most predictions have one mode. Rollouts far from the others of their part belong to the part of the
+    rollout that they come closest to within 0.3 s. Parts in the same place, or of fewer than three rollouts,
+    are joined. A mode has weight, mean and covariance of its rollouts.
     """
     _, errors = mean_and_errors(np.ascontiguousarray(states[:, None]), np.arange(1))
     pose = np.concatenate([errors[:, ERR_POSITION] / radius, errors[:, ERR_ROTATION]], axis=1)
@@ -88,16 +88,15 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
 
 
 def _mode_of(states, part):
-    """The `Mode` of some rollouts, by their indices."""
+    """Return the `Mode` of some rollouts, by their indices."""
     mean, errors = mean_and_errors(np.ascontiguousarray(states[part][:, None]), np.arange(1))
     return Mode(len(part) / len(states), mean[0], second_moment(errors))
 
 
 def _same_outcome(parts, modes):
-    """Indices (one, other), ascending, of the two modes that are least apart and should be one; None if no
-    two should be.
+    """Return the indices (one, other), ascending, of the closest two modes to be joined, or None.
 
-    They should be where one has too few rollouts, or where two parts were cut off the same group in turn.
+    Modes are joined if one has too few rollouts, or if successive cuts divided the same group.
     """
     best = None
     for other in range(1, len(modes)):
@@ -111,8 +110,9 @@ def _same_outcome(parts, modes):
 
 
 def _gap(one, other):
-    """Distance of two modes' poses over the sum of their standard deviations, in the coordinate where that is
-    largest.
+    """Return the distance of two modes' poses over the sum of their standard deviations.
+
+    It is the largest of all coordinates.
     """
     errors, both = np.empty(ERROR), [np.ascontiguousarray(mode.mean) for mode in (one, other)]
     boxminus(both[1], both[0], errors)
@@ -122,7 +122,7 @@ def _gap(one, other):
 
 
 def _labels(x):
-    """(S,): which mode each point (S, d) belongs to; parts that are farthest apart are divided first."""
+    """Return the mode (S,) of each point (S, d); parts with the widest gap are divided first."""
     labels = np.zeros(len(x), np.int64)
     parts = {0: _second_part(x)}
     while len(parts) < _MOST:
@@ -138,11 +138,11 @@ def _labels(x):
 
 
 def _without_strangers(pose, soon, labels):
-    """(S,): the labels, where strangers to their mode belong to the mode of the nearest rollout.
+    """Return labels (S,) in which outliers of their mode belong to the mode of the nearest rollout.
 
-    A stranger is many median absolute deviations of poses (S, d) from its mode's median. Distances are those
-    of poses ``soon`` after (S, 6), as what still falls is on its way to what has fallen. Both are in radii
-    and rad. The nearest stranger gets its mode first, and others may follow it.
+    An outlier is many median absolute deviations of poses (S, d) from the median of its mode. Distances are
+    those of poses ``soon`` after (S, 6), as falling bodies approach fallen ones. Both are in radii and rad.
+    The nearest outlier is assigned first, and later ones may follow it.
     """
     modes = np.unique(labels)
     if len(modes) < 2:
@@ -166,7 +166,7 @@ def _without_strangers(pose, soon, labels):
 
 
 def _second_part(x):
-    """How far points (S, d) of two parts are apart, and which are the second, (S,) bool; 0 if none are."""
+    """Return the gap between two parts of points (S, d), and the second part (S,); 0 without a gap."""
     spread = x.std(axis=0)
     some = spread > _CONSTANT
     whole = 0.0, np.zeros(len(x), bool)
@@ -186,9 +186,9 @@ def _second_part(x):
 
 
 def _directions_between_means(x, starts):
-    """(d, K): unit vectors from one of two means of points ``x`` (S, d) to the other, by k-means.
+    """Return unit vectors (d, K) from one of two means of points ``x`` (S, d) to the other, by k-means.
 
-    The points are about 0. ``starts`` (d, K) are normals of the planes that divide the points at first.
+    The points have mean 0. ``starts`` (d, K) are normals of the planes that divide the points at first.
     """
     second, ways = x @ starts > 0.0, starts
     for _ in range(_ROUNDS):
@@ -204,10 +204,10 @@ def _directions_between_means(x, starts):
 
 
 def _widest_gaps(values, usual):
-    """(K,) and (K,): the largest distance of means over the sum of standard deviations, of any cut through
-    ascending values (S, K), and how many are below it.
+    """Return the widest gap (K,) of any cut through ascending values (S, K), and the count below it (K,).
 
-    Each side has at least `_FEWEST`; one of fewer than the ``usual`` lies beyond an empty gap.
+    A gap is the distance of means over the sum of standard deviations. Each side has at least `_FEWEST`
+    values. A side of fewer than ``usual`` values must be separated by an empty interval.
     """
     count = np.arange(1, len(values))[:, None]
     sums, squares = np.cumsum(values, axis=0), np.cumsum(values**2, axis=0)

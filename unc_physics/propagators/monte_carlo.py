@@ -93,15 +93,15 @@ class MonteCarlo(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands):
         return MonteCarloCarry(states, history, 0, z, np.zeros((count, 0)), np.zeros((6, 0)))
 
     def drawn(self, scene: Scene, belief: Belief, count: int) -> np.ndarray:
-        """(count, B, 13): states drawn from a belief; the first ones are the same for every larger count."""
+        """Return states (count, B, 13) drawn from a belief; larger counts begin alike."""
         return draw(scene, belief, count, self.seed)
 
     def drawn_parameters(self, scene: Scene, count: int) -> np.ndarray:
-        """(count, K): uncertain parameters in standard deviations, likewise."""
+        """Return uncertain parameters (count, K) in standard deviations, drawn likewise."""
         return draw_parameters(scene, count, self.seed)
 
     def _reduced(self, scene, belief, count):
-        """States (N, B, 13), common motions (N, 6), and their root."""
+        """Return states (N, B, 13), common motions (N, 6), and their root."""
         root = belief.root()
         reduced = reduction(root)
         z = np.random.default_rng(self.seed).standard_normal((count, root.shape[1]))
@@ -146,7 +146,7 @@ class MonteCarlo(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands):
         return self.samples
 
     def own_samples(self, carry, scene):
-        """(N, B, 13): the samples' states of the models' centres of mass, as beliefs have them."""
+        """Return the samples' states (N, B, 13) of the models' centres of mass, as in beliefs."""
         states = self._model_centers(carry, scene)
         if carry.common.size:
             states = states.copy()

@@ -1,4 +1,4 @@
-"""Options of propagators: dataclass fields that know their type, limits and meaning, once for all who ask."""
+"""Options of propagators: dataclass fields with type, limits and meaning."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ def option(
     high: float | None = None,
     positive: bool = False,
 ) -> Any:
-    """A field of a propagator that is an option.
+    """Return a dataclass field of a propagator that is an option.
 
     Parameters
     ----------
     default : int, float, bool or str
-        Its type is the option's.
+        Its type is the type of the option.
     description : str
-        What it is, in a few words, without a full stop.
+        A few words without a full stop.
     choices : tuple of str
-        All values of a text, where these are few.
+        All values of a text with few values.
     low, high : number
-        Limits of a number, which it may reach.
+        Limits of a number, inclusive.
     positive : bool
         Whether a number must be above 0.
     """
@@ -55,7 +55,7 @@ class Option:
 
     @classmethod
     def of(cls, member: Field) -> Option:
-        """The option that a dataclass field is."""
+        """Return the option of a dataclass field."""
         return cls(member.name, member.default, **member.metadata)
 
     @property
@@ -71,7 +71,7 @@ class Option:
             raise InvalidOptionError(f"must be {_KINDS[self.kind]}", field=self.name, value=text) from None
 
     def checked(self, value: Any) -> Any:
-        """The value, if the option can take it; raises `InvalidOptionError` or `LimitExceededError`."""
+        """Return the value if it is valid; raise `InvalidOptionError` or `LimitExceededError` otherwise."""
         error = InvalidOptionError
         if self.kind is int:
             value = integer(value, self.name, low=-math.inf if self.low is None else self.low, error=error)

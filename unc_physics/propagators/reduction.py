@@ -21,9 +21,9 @@ _NEGLIGIBLE = 1e-9  # singular values, relative to the largest, of combinations 
 
 
 def symmetric(scene: Scene) -> bool:
-    """Whether the bodies of a scene can meet nothing but each other, and are not divided into islands.
+    """Return whether the bodies of a scene can meet only each other, and are not divided into islands.
 
-    Drag depends on the velocity in the world, so with drag they do notice a common one.
+    With drag the result is false, as drag depends on the velocity in the world frame.
     """
     alone = len(scene.moving) == len(scene.bodies) and not scene.environment
     return alone and not scene.islands and not any(body.drag for body in scene.bodies)
@@ -76,7 +76,7 @@ def _move(states, motion, reach, decay):
 
 
 def common_covariance(motion: np.ndarray, along: Course, count: int) -> np.ndarray:
-    """(12 M, 12 M): covariance that a common motion (6, c) adds to that of ``count`` bodies."""
+    """Return the covariance (12 M, 12 M) that a common motion (6, c) adds to that of ``count`` bodies."""
     root = np.zeros((count, ERROR, motion.shape[1]))
     root[:, ERR_POSITION] = motion[:3] + along.reach * motion[3:]
     root[:, ERR_VELOCITY] = along.decay * motion[3:]

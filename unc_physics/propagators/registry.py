@@ -16,7 +16,7 @@ _left_out: dict[str, str] = {}  # propagators of other packages that cannot be i
 
 
 def _load() -> dict[str, type[Propagator]]:
-    """Import all; one of another package that cannot be is left out, with a warning."""
+    """Import all propagators; warn about those of other packages that cannot be imported."""
     found = {}
     for name, entry in entries().items():
         try:
@@ -38,17 +38,17 @@ PROPAGATORS: dict[str, type[Propagator]] = _load()
 
 
 def names_where(holds: Callable[[Propagator], bool], between: str = " and ") -> str:
-    """The names of the propagators of which, with their default options, something holds, in one text."""
+    """Return the names, in one text, of the propagators whose default instance satisfies a condition."""
     return between.join(name for name, cls in PROPAGATORS.items() if holds(cls()))
 
 
 def make_propagator(name: str, **options: Any) -> Propagator:
-    """A propagator by its name, with some of its options set.
+    """Return a propagator by its name, with some of its options set.
 
     Raises
     ------
     UnknownPropagatorError
-        If there is none of that name.
+        If no propagator has that name.
     InvalidOptionError
         If it has no such option, or the option cannot take the value.
     LimitExceededError
@@ -58,7 +58,7 @@ def make_propagator(name: str, **options: Any) -> Propagator:
 
 
 def _made(name, options):
-    """As `make_propagator`; an option of any name is one."""
+    """Return a propagator; options of any name are allowed."""
     instance(name, str, "name")
     if name not in PROPAGATORS:
         why = f"; it was left out, since {_left_out[name]}" if name in _left_out else ""

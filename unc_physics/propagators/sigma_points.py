@@ -146,7 +146,7 @@ class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
 
 @kernel
 def _errors_about_first(states):
-    """(N, 12 B): errors of all states (N, B, 13) about the first."""
+    """Return the errors (N, 12 B) of all states (N, B, 13) about the first."""
     count, bodies = states.shape[0], states.shape[1]
     errors = empty((count, ERROR * bodies))
     for n in range(count):

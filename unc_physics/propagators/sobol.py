@@ -28,12 +28,7 @@ _BITS = 32
 
 @lru_cache(maxsize=32)
 def normal_points(count: int, dimensions: int, seed: int) -> np.ndarray:
-    """(count, dimensions): scrambled Sobol points as standard normal numbers; read-only.
-
-    The first k points are the same for every larger count, and the first columns for more dimensions.
-    There are direction numbers for a limited number of dimensions. Further dimensions repeat the sequence in
-    another order and scrambled anew (padding, Burley 2020).
-    """
+    """Return scrambled Sobol points as standard normal numbers (count, dimensions); read-only."""
     points = np.empty((count, dimensions))
     _fill(points, _directions(), np.uint64(seed))
     points.flags.writeable = False
@@ -42,7 +37,7 @@ def normal_points(count: int, dimensions: int, seed: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _directions():
-    """(D, 32) uint64: direction numbers of each dimension, the highest bit first."""
+    """Return the direction numbers (D, 32) uint64 of each dimension, the highest bit first."""
     table = np.empty((len(_DIMENSIONS) + 1, _BITS), np.uint64)
     table[0] = [1 << (_BITS - 1 - k) for k in range(_BITS)]
     for d, (polynomial, initial) in enumerate(_DIMENSIONS, 1):
@@ -83,7 +78,7 @@ def _fill(points, directions, seed):
 
 @kernel
 def _scrambled(x, key):
-    """Each bit of 32 flipped by a hash of the bits above it."""
+    """Return numbers in which each of 32 bits is flipped by a hash of the bits above it."""
     result = np.uint64(0)
     prefix = key
     for k in range(_BITS):

@@ -18,7 +18,7 @@ _SPREAD_FLOORS = 5e-5, 1e-3
 
 
 def surface_errors(runs: Runs, scene: Scene) -> np.ndarray:
-    """(B,): error over variance of the surface that each body is of; 0 where none is needed."""
+    """Return the error over variance of each body's surface (B,); 0 if it needs none."""
     result = np.zeros(len(runs.mean))
     for found in moments(runs, scene):
         result[found.group.bodies] = found.error
@@ -26,11 +26,11 @@ def surface_errors(runs: Runs, scene: Scene) -> np.ndarray:
 
 
 def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
-    """Standard errors of means and standard deviations, from what leaving one rollout out shows.
+    """Return standard errors of means and standard deviations, from leaving one rollout out.
 
-    A mean or a variance is that of the surface, known, plus that of what is left besides, of which N rollouts
-    are a sample. Without a surface it is Monte Carlo's. Rotations count as if they did not wrap around
-    (`wrapped_errors`).
+    A mean or a variance is the sum of a known part from the surface, and a part from the residuals, of which
+    N rollouts are a sample. Without a surface, the errors are those of Monte Carlo. Rotations count as if
+    they did not wrap around (`wrapped_errors`).
     """
     count = len(runs.mean)
     errors = StandardErrors(*(np.zeros(count) for _ in StandardErrors._fields))
@@ -63,11 +63,10 @@ def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
 
 
 def wrapped_errors(runs: Runs, scene: Scene, errors: StandardErrors) -> StandardErrors:
-    """Return `standard_errors` with those of means of rotations that wrap around.
+    """Return `standard_errors` with larger errors of mean rotations that wrap around.
 
-    A mean of rotations that spread over more than a radian is less sure than the mean of what does not wrap
-    around, by what leaving out parts of the rollouts shows (the jackknife). ``relative`` does not count that,
-    as no number of rollouts makes such a mean sure.
+    The mean of rotations that spread over more than a radian has a larger error than the mean of numbers with
+    that spread. The jackknife estimates it. ``relative`` ignores this, as no number of rollouts reduces it.
     """
     rotation = errors.rotation.copy()
     for found in moments(runs, scene):
@@ -79,7 +78,7 @@ def wrapped_errors(runs: Runs, scene: Scene, errors: StandardErrors) -> Standard
 
 
 def _wrapping(found: Moments) -> np.ndarray:
-    """(m,): standard errors of mean rotations over those of what does not wrap around; at least 1."""
+    """Return the factors (m,), at least 1, on standard errors of mean rotations that wrap around."""
     count, bodies = len(found.errors), np.arange(len(found.mean))
     states = spread_states(found.mean, bodies, found.errors)
     squares = np.zeros(len(bodies))
