@@ -1,4 +1,4 @@
-"""Checks of laws: bodies stay out of what is fixed, and elastic contacts without friction keep energy."""
+"""Checks of energy: elastic contacts without friction keep it."""
 
 from __future__ import annotations
 
@@ -7,33 +7,10 @@ import math
 import numpy as np
 
 from ..initialization.overlap_search import TOUCHING
-from ..propagators.overlap_depths import overlaps
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
-#: Depth that is too deep, over the body's radius.
-PENETRATION = 0.05
-_LOOKED_AT = 64  # rollouts whose depths are computed, at most: more take longer than all else that is asked
 _SLOW_IMPACTS = 1e-3  # m: a fall from so low may end without a rebound, and more than once
 _EQUAL = 1e-6  # relative difference of moments of inertia that are equal
-
-
-def penetration_share(scene, start, states) -> np.ndarray:
-    """(B,): share of states (N, B, 13) in which each body is inside the environment or a fixed body.
-
-    Overlap that the bodies had from the start on (`evidence.InitialDiagnostics`), and keep, does not count.
-    """
-    kept = np.zeros(len(scene.bodies))
-    if scene.overlap == "keep":
-        kept = start.overlap
-    elif start.found is not None:
-        kept = start.found.kept
-        kept = kept if len(kept) == len(states) else kept.max(axis=0)
-    some = slice(None, None, math.ceil(len(states) / _LOOKED_AT))
-    depths, _ = overlaps(scene, np.ascontiguousarray(states[some]), among_moving=False)
-    limit = PENETRATION * start.shapes[:, 3]
-    if scene.integrator == "explicit":  # where spheres are springs: deeper than one can push back
-        limit = np.maximum(limit, start.shapes[:, 2])
-    return (depths - (kept[some] if kept.ndim == 2 else kept) > limit).mean(axis=0)
 
 
 def kinetic_energies(scene, mass, states) -> np.ndarray:

@@ -17,7 +17,7 @@ from ..spatial.layout import ERR_ANGULAR_VELOCITY
 from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus
 from .compute_budget import ComputeBudget
-from .diagnostics import RULES, judged, measures_of
+from .diagnostics import RULES, judged, measures_of, spread_factors
 from .driver import run, wide_states
 from .evidence import Evidence, initial_diagnostics
 from .probability import is_certain
@@ -153,12 +153,14 @@ def needs_rollouts(evidence: Evidence) -> bool:
 
 def is_inconclusive(evidence: Evidence) -> bool:
     """Return whether the spreads of a few rollouts leave open if the predicted ones are wrong."""
-    if evidence.factor is None:
+    factors = spread_factors(evidence)
+    if factors is None:
         return False
     low, since = _OPEN[0], evidence.uncertain_since
     if since is not None:
         low = np.where(np.isfinite(since), _OPEN_IN_DOUBT, low)
-    return bool(((low < evidence.factor) & (evidence.factor < _OPEN[1])).any())
+    factor = factors.max(axis=1)
+    return bool(((low < factor) & (factor < _OPEN[1])).any())
 
 
 def _half_turned(evidence):

@@ -27,7 +27,6 @@ from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
-from .conservation_checks import penetration_share as inside_share
 from .evidence import Evidence, kinetic_moments, spread_floors
 from .rare_outcomes import MATTER, tail_factors
 
@@ -37,7 +36,8 @@ _DRAWING = names_where(lambda propagator: propagator.supports.impact_errors, " a
 _FAR = 5.0  # standard deviations that are not to be expected of an honest belief
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
-_LOOKED_AT = 64  # rollouts whose own depths are computed, at most
+_PENETRATION = 0.05  # depth that is too deep, over the body's radius
+_LOOKED_AT = 64  # rollouts whose depths are computed, at most: more take longer than all other measures
 _LEAST_SHARE = 0.05  # of an outcome that moves the mean
 _EXTENT_SHARE = 5e-3  # loss of extent that counts on large bodies, over the radius
 _DENSITIES = 0.1, 1e5  # kg/m^3, beyond those of things
@@ -125,7 +125,7 @@ def _spreads_apart(evidence, body):
     """The quantity whose spread differs most from that of rollouts, and both spreads."""
     place = int(np.searchsorted(evidence.scene.moving, body))
     own, other = pose_spreads(evidence.snapshot.belief.blocks)[place], evidence.spreads[place]
-    k = int(np.argmax(evidence.factors[body]))
+    k = int(np.argmax(spread_factors(evidence)[body]))
     unit, floor = _UNITS[k], spread_floors(evidence.start, body)[k]
     less = f" (less than {floor:.3g} {unit} counts as this much)" if min(own[k], other[k]) < floor else ""
     return f"{_QUANTITIES[k]} by {own[k]:.3g} {unit} here and by {other[k]:.3g} {unit} there{less}"
@@ -332,7 +332,24 @@ def spread_disagreement(evidence):
     """Factor between the predicted spread and that of a few rollouts, of position or rotation, whichever is
     larger. The rollouts start with the belief's mean and covariance, so it is 1 where all is linear.
     """
-    return evidence.factor
+    factors = spread_factors(evidence)
+    return None if factors is None else factors.max(axis=1)
+
+
+def spread_factors(evidence: Evidence) -> np.ndarray | None:
+    """(B, 2): factors between predicted and sampled standard deviations of position and rotation.
+
+    None without rollouts.
+    """
+    scene, spreads = evidence.scene, evidence.spreads
+    if spreads is None:
+        return None
+    floors = spread_floors(evidence.start, scene.moving)
+    predicted = np.maximum(pose_spreads(evidence.snapshot.belief.blocks), floors)
+    found = np.where(np.isfinite(spreads), np.maximum(spreads, floors), math.inf)
+    result = np.ones((len(scene.bodies), 2))
+    result[scene.moving] = np.maximum(predicted / found, found / predicted)
+    return result
 
 
 @_measure(
@@ -346,9 +363,10 @@ def doubtful_contacts(evidence):
     """The same factor, for a body whose contacts, or their order in an impact, may differ within one standard
     deviation. A smaller factor raises the flag there.
     """
-    if evidence.factor is None or evidence.uncertain_since is None:
+    factors = spread_factors(evidence)
+    if factors is None or evidence.uncertain_since is None:
         return None
-    return np.where(np.isfinite(evidence.uncertain_since), evidence.factor, 1.0)
+    return np.where(np.isfinite(evidence.uncertain_since), factors.max(axis=1), 1.0)
 
 
 @_measure(
@@ -660,9 +678,21 @@ def penetration_share(evidence):
     its radius, without the overlap that it keeps from the start. With the explicit integrator also deeper
     than the radius of its largest sphere. Not in scenes with actions; of 64 samples at most.
     """
-    if evidence.scene.acts or evidence.states is None:  # actions move bodies whether there is room or not
+    scene, start, states = evidence.scene, evidence.start, evidence.states
+    if scene.acts or states is None:  # actions move bodies whether there is room or not
         return None
-    return inside_share(evidence.scene, evidence.start, evidence.states)
+    kept = np.zeros(len(scene.bodies))
+    if scene.overlap == "keep":
+        kept = start.overlap
+    elif start.found is not None:
+        kept = start.found.kept
+        kept = kept if len(kept) == len(states) else kept.max(axis=0)
+    some = slice(None, None, math.ceil(len(states) / _LOOKED_AT))
+    depths, _ = overlaps(scene, np.ascontiguousarray(states[some]), among_moving=False)
+    limit = _PENETRATION * start.shapes[:, 3]
+    if scene.integrator == "explicit":  # where spheres are springs: deeper than one can push back
+        limit = np.maximum(limit, start.shapes[:, 2])
+    return (depths - (kept[some] if kept.ndim == 2 else kept) > limit).mean(axis=0)
 
 
 @_measure(

@@ -24,7 +24,6 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..spatial.moments import pose_spreads
 from ..spatial.rotation import rotation_matrix
 from .conservation_checks import conserves_energy
 from .islands import merged
@@ -149,20 +148,6 @@ class Evidence:
         return None if self.asymmetries is None else self.asymmetries.max(axis=1)
 
     @cached_property
-    def factors(self) -> np.ndarray | None:
-        """(B, 2): factors between predicted and sampled spreads of position and rotation; None without
-        rollouts.
-        """
-        if self.spreads is None:
-            return None
-        return spread_factors(self.scene, self.start, self.snapshot.belief.blocks, self.spreads)
-
-    @cached_property
-    def factor(self) -> np.ndarray | None:
-        """(B,): the larger of the `factors`."""
-        return None if self.factors is None else self.factors.max(axis=1)
-
-    @cached_property
     def highest_speed(self) -> np.ndarray:
         """(B,): that start, end and gravity suggest [m/s]."""
         scene, before, after = self.scene, self.start.mean, self.snapshot.belief.mean
@@ -261,16 +246,6 @@ def spread_floors(start: InitialDiagnostics, body) -> np.ndarray:
     """(..., 2): position [m] and rotation [rad] of some bodies below which spreads count as equal."""
     radius = start.shapes[body, 3]
     return np.stack([_SPREAD_FLOOR * radius, np.full(np.shape(radius), _SPREAD_FLOOR)], axis=-1)
-
-
-def spread_factors(scene, start, blocks, spreads):
-    """(B, 2): factors between predicted and sampled standard deviations of position and rotation."""
-    floors = spread_floors(start, scene.moving)
-    predicted = np.maximum(pose_spreads(blocks), floors)
-    found = np.where(np.isfinite(spreads), np.maximum(spreads, floors), math.inf)
-    result = np.ones((len(scene.bodies), 2))
-    result[scene.moving] = np.maximum(predicted / found, found / predicted)
-    return result
 
 
 def kinetic_moments(scene, start, belief, side):
