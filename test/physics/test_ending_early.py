@@ -8,7 +8,7 @@ import weakref
 from unc_physics.compiler.time_limit import TimeLimit, limit_here, time_limit
 
 
-def wait_for(limit, seconds=5.0):
+def wait_for(limit, seconds=100.0):
     end = time.monotonic() + seconds
     while not limit.passed and time.monotonic() < end:
         time.sleep(0.005)
@@ -20,7 +20,6 @@ def test_flags_are_raised_when_their_times_are_up_in_any_order():
     late.within(60.0)
     started = time.monotonic()
     soon.within(0.05)
-    assert not soon.passed
     assert wait_for(soon) and time.monotonic() - started > 0.04
     assert not late.passed
     late.within(0.0)  # a new time takes the place of the old one
@@ -29,9 +28,9 @@ def test_flags_are_raised_when_their_times_are_up_in_any_order():
 
 def test_a_time_that_was_set_anew_or_taken_back_raises_no_flag():
     limit = TimeLimit()
-    limit.within(0.02)
+    limit.within(0.5)  # longer than a busy machine takes for the next line
     limit.within(60.0)
-    time.sleep(0.1)
+    time.sleep(0.6)
     assert not limit.passed
 
 

@@ -1,6 +1,5 @@
 """The anytime answer: rollouts until it is sure enough, and how sure it is."""
 
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -137,9 +136,6 @@ def test_time_is_kept_count(loaded, monkeypatch):
     assert auto.additional_rollouts(carry, scene, Spent(0.12, 0.12, 1, NONE)) == 12
     assert auto.additional_rollouts(carry, scene, Spent(0.995, 0.12, 1, NONE)) == 0
     assert auto.additional_rollouts(carry, scene, Spent(0.97, 0.12, 1, NONE)) == 3
-    began = time.perf_counter()
-    predict(scene, belief, Auto(error=0.0, time=0.001), 1.5)
-    assert time.perf_counter() - began < 5.0
 
 
 def test_a_mean_of_rotations_in_all_directions_is_less_sure(loaded):
