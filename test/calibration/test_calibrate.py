@@ -131,7 +131,7 @@ def test_the_command(motions, tmp_path, capsys):
     content = {"physics": "everyday", "exact": True, "environment": [{"plane": {}}], "bodies": [body]}
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
     lines = ["motion,time,x,y,z,qx,qy,qz,qw"]
-    for motion in motions[:6]:
+    for motion in motions[:2]:
         for time, pose in zip(motion.times, motion.poses, strict=True):
             lines.append(",".join(map(str, [motion.name, time, *pose])))
     (tmp_path / "m.csv").write_text("\n".join(lines))
@@ -151,7 +151,7 @@ def test_the_command(motions, tmp_path, capsys):
     assert main([*arguments, "--picture", picture]) == 0
     out = capsys.readouterr().out
     assert "friction" in out and "environment:" in out
-    assert "noise=ContactNoise(velocity=" in out and "of 6 motions" in out
+    assert "noise=ContactNoise(velocity=" in out and "of 2 motions" in out
     assert (tmp_path / "c.png").stat().st_size > 10_000
 
 

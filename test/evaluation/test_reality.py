@@ -19,7 +19,11 @@ from unc_physics_evaluation.recorded_sets import DATA, read_sets
 from unc_physics_evaluation.results import Results
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "tosses"
-SETS = read_sets()
+
+
+@pytest.fixture(scope="module")
+def sets():
+    return read_sets()
 
 
 @pytest.fixture
@@ -32,8 +36,8 @@ def folder(tmp_path):
     return own.parent
 
 
-def test_all_recorded_sets_are_read():
-    counts = {name: len(own.motions) for name, own in SETS.items()}
+def test_all_recorded_sets_are_read(sets):
+    counts = {name: len(own.motions) for name, own in sets.items()}
     assert counts["household cube"] == 11 and counts["household toblerone"] == 3
     assert counts["household napkin"] == 2 and counts["cube tosses"] == 285
     assert counts["pushes, point"] == 273
@@ -43,9 +47,9 @@ def test_all_recorded_sets_are_read():
 
 
 @pytest.mark.parametrize("name", ["household cube", "household toblerone", "household napkin"])
-def test_household_objects_fly_and_end_on_the_table(name):
+def test_household_objects_fly_and_end_on_the_table(sets, name):
     """Where the mesh's lowest corner says, to what the README says of heights, in steps of gravity."""
-    own = SETS[name]
+    own = sets[name]
     for motion, start in zip(own.motions, own.starts, strict=True):
         corners = Rotation.from_quat(motion.poses[-1, 3:]).apply(own.solid.vertices)
         assert motion.poses[-1, 2] + corners[:, 2].min() == pytest.approx(0.0, abs=3e-3)
