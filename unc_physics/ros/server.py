@@ -52,6 +52,7 @@ _INTERFACES = (
 # upper limit; predictions run in numba's threads, these mostly wait, for example for a transform
 _THREADS = 64
 _COMPILED_ANSWER = 1.0  # s, of computation for an answer that only compiles
+_DELIVERY = 0.3  # s, that services stay after an answer
 _LONG_WARM_UP = 5.0  # s, warm-up of one propagator that is logged
 
 
@@ -77,6 +78,7 @@ class PredictionServer:
         self.pool: ThreadPoolExecutor | None = None
         self.deferred_answers: Any = None
         self.ending: str | None = None  # reason why predictions end
+        self.answered = 0.0  # time of the newest answer that a thread of the pool sent [s]
         self._warned_zeros = self._warned_misspelt = False
         self._opened, self._lock = threading.Lock(), threading.Lock()
         self._compiling: set[str] = set()  # kernels for which a request is answered in the background
@@ -157,6 +159,8 @@ class PredictionServer:
         with self._opened:
             if self.pool is not None:
                 self.pool.shutdown()
+            # the middleware loses an answer if its service is gone before the client has read it
+            time.sleep(max(0.0, self.answered + _DELIVERY - time.monotonic()))
             while self._open:
                 self._open.pop().close()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import time
 import traceback
 from typing import Any
 
@@ -140,6 +141,7 @@ class BackgroundService:
         try:
             afterwards = self._answer(request, response)
             self._send(response, header)
+            self._server.answered = time.monotonic()
             if afterwards is not None:
                 afterwards()
         except Exception:  # noqa: BLE001  (the client may be gone)
