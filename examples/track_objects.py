@@ -25,13 +25,12 @@ def main(server: str = "/unc_physics") -> None:
     rng = np.random.default_rng(0)
     with Client(server=server) as client:
         client.reset()
-        start, now = client.observe("can", seen(0.0, rng)), 0.0
-        while now < SEEN_FOR:  # a camera would do this
-            time.sleep(PERIOD)
-            now = time.time() - start
-            client.observe("can", seen(now, rng), start + now)
+        start = client.observe("can", seen(0.0, rng))
+        for t in np.arange(PERIOD, SEEN_FOR, PERIOD):  # a camera would do this
+            time.sleep(max(0.0, start + t - time.time()))
+            client.observe("can", seen(t, rng), start + t)
         can = client.tracked()["can"]
-        while can.stamp < start + now - 0.5 * PERIOD:  # the node still processes observations
+        while can.stamp < start + t - 0.5 * PERIOD:  # the node still processes observations
             can = client.tracked()["can"]
         rest = AtRest("can")
         prediction = client.fork(3.0, events=[rest])
