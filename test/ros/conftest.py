@@ -1,14 +1,31 @@
 """A node in a process of its own, and a client to talk to it over real Fast DDS."""
 
+import contextlib
+import fcntl
 import os
+import tempfile
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2 (rclpy)")
 pytest.importorskip("unc_physics_msgs", reason="needs the interface package unc_physics_msgs")
 
+
+def own_domain():
+    """A domain that no other test process of this user has, and the file that is locked for it."""
+    for k in range(100):
+        domain = 1 + (os.getpid() + k) % 100
+        name = f"unc_physics_tests_{os.getuid()}_domain_{domain}"
+        lock = (Path(tempfile.gettempdir()) / name).open("w")
+        with contextlib.suppress(BlockingIOError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return str(domain), lock
+    raise RuntimeError("all domains are in use")
+
+
 # before any participant exists; child processes inherit all of it
-os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+os.environ["ROS_DOMAIN_ID"], LOCK = own_domain()
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 

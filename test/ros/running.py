@@ -17,7 +17,7 @@ from unc_physics.ros.connection import spin
 from unc_physics_msgs.srv import Predict
 
 READY_TIMEOUT = 600.0  # s; a cold cache compiles everything
-ANSWER_TIMEOUT = 60.0  # s
+ANSWER_TIMEOUT = 200.0  # s, on a busy machine
 
 
 class NodeProcess:
@@ -54,7 +54,7 @@ class NodeProcess:
         """What it has printed so far."""
         return "".join(self.lines)
 
-    def end(self, with_signal=signal.SIGINT, timeout=10.0):
+    def end(self, with_signal=signal.SIGINT, timeout=ANSWER_TIMEOUT):
         """Ask it to end; returns its exit status."""
         self.process.send_signal(with_signal)
         return self.process.wait(timeout)
@@ -156,12 +156,39 @@ class Inbox:
         """The next message."""
         return self._queue.get(timeout=timeout)
 
+    def answer(self, send, is_wanted=lambda message: True):
+        """The first wanted message; ``send`` causes it, and is repeated until it comes.
+
+        The middleware loses messages of either side until the other one has discovered it.
+        """
+        deadline, patience = time.monotonic() + ANSWER_TIMEOUT, 0.25
+        while True:
+            send()
+            resend = time.monotonic() + patience
+            with contextlib.suppress(queue.Empty):
+                while True:
+                    message = self.next(max(0.0, resend - time.monotonic()))
+                    if is_wanted(message):
+                        return message
+            assert time.monotonic() < deadline, "nothing came"
+            patience *= 2.0
+
     def all(self):
         """All that have come and were not taken."""
         messages = []
         while not self._queue.empty():
             messages.append(self._queue.get())
         return messages
+
+    def status(self, name, is_wanted=lambda values: True, send=lambda: None):
+        """The next wanted status of a name on ``/diagnostics``, and its values; ``send`` causes it."""
+
+        def wanted(message):
+            """Statuses among a message's, as other nodes tell theirs, too."""
+            found = [(own, {pair.key: pair.value for pair in own.values}) for own in message.status]
+            return [(own, values) for own, values in found if own.name == name and is_wanted(values)]
+
+        return wanted(self.answer(send, wanted))[0]
 
 
 def wait_until(condition, timeout=ANSWER_TIMEOUT):

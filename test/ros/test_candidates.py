@@ -267,7 +267,6 @@ def endless(scores):
 def test_the_computation_time_runs_out(node, client, scores):
     response = ask(client, endless([ABOVE] * scores))
     assert response.result.error_code == ErrorCode.TIMEOUT
-    assert seconds(response.computation_time) < 5.0
     assert len(response.predictions) == len(OVER)
     assert {entry.result.error_code for entry in response.predictions} == {ErrorCode.TIMEOUT}
     assert all(0.0 <= seconds(entry.prediction.time_reached) < 50.0 for entry in response.predictions)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
+import rclpy.client
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from running import wait_until
@@ -297,8 +297,11 @@ def test_several_futures_at_a_time(asked, space):
 
 
 def test_out_of_time_with_what_was_done(asked, space):
-    with pytest.raises(PredictionTimeoutError, match="max_computation_time ran out") as caught:
-        asked.predict(*space, "monte_carlo", 50.0, samples=2000, max_computation_time=0.2)
+    for limit in (0.2, 2.0, 20.0):  # on a busy machine even the first step takes a while
+        with pytest.raises(PredictionTimeoutError, match="max_computation_time ran out") as caught:
+            asked.predict(*space, "monte_carlo", 50.0, samples=2000, max_computation_time=limit)
+        if caught.value.prediction is not None:
+            break
     assert 0.0 < caught.value.prediction.time < 50.0
     assert np.isfinite(caught.value.prediction["left"].position).all()
 
@@ -398,7 +401,7 @@ def test_a_node_that_does_not_answer_is_named(space):
     client.close()  # once more does nothing
 
 
-def test_a_node_that_goes_away_is_waited_for_no_longer():
+def test_a_node_that_goes_away_is_waited_for_no_longer(monkeypatch):
     context = rclpy.Context()
     rclpy.init(context=context)
     leaving = rclpy.create_node("leaving", context=context)  # which nobody spins
@@ -411,11 +414,16 @@ def test_a_node_that_goes_away_is_waited_for_no_longer():
     with Client(staying, server="/leaving", timeout=READY) as client:
         offered = staying.create_client(ListModels, "/leaving/list_models")
         assert offered.wait_for_service(READY)  # discovery may take seconds
-        asking = threading.Timer(0.5, leaving.destroy_node)
-        asking.start()
+        call = rclpy.client.Client.call_async
+
+        def ask_and_leave(self, request):
+            asked = call(self, request)
+            leaving.destroy_node()
+            return asked
+
+        monkeypatch.setattr(rclpy.client.Client, "call_async", ask_and_leave)
         with pytest.raises(NotActiveError, match="/leaving/list_models went away"):
             client.models()
-    asking.join()
     executor.shutdown()
     context.try_shutdown()
     spinning.join()
@@ -438,7 +446,7 @@ def test_closing_a_client_ends_what_it_waits_for(asked, space):
         except LimitExceededError:
             return None
 
-    wait_until(takes_another, timeout=10.0)
+    wait_until(takes_another)
 
 
 def test_what_other_threads_destroy_does_not_end_the_thread_that_spins():

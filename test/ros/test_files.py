@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from message_fields import element_type, message_type
-from running import Inbox, NodeProcess
+from running import ANSWER_TIMEOUT, Inbox, NodeProcess
 from scenes import assert_answered
 
 from unc_physics.ros.messages.fields import seconds
@@ -82,7 +82,7 @@ def output_of(example):
         check=False,
         capture_output=True,
         text=True,
-        timeout=200,
+        timeout=ANSWER_TIMEOUT,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -104,14 +104,15 @@ def test_release_poses_over_the_bin_s_middle_are_better_than_those_beside_it(nod
 
 def test_the_demo_s_stream_is_predicted(client):
     with (
-        NodeProcess("--params-file", str(ROOT / "config" / "demo.yaml")),
-        Inbox(client, Prediction, "/unc_physics/predictions") as inbox,
+        NodeProcess("--params-file", str(ROOT / "config" / "demo.yaml"), name="streamed"),
+        Inbox(client, Prediction, "/streamed/predictions") as inbox,
     ):
-        stream = subprocess.Popen([sys.executable, "-m", "unc_physics.ros.demo_stream"])
+        remapped = ["--ros-args", "-r", "/unc_physics/scene:=/streamed/scene"]
+        stream = subprocess.Popen([sys.executable, "-m", "unc_physics.ros.demo_stream", *remapped])
         try:
             message = inbox.next()
         finally:
             stream.send_signal(signal.SIGTERM)
-            assert stream.wait(10.0) == 0
+            assert stream.wait(ANSWER_TIMEOUT) == 0
     assert [predicted.id for predicted in message.objects] == ["carton", "can"]
     assert len(message.objects[0].states) == 4

@@ -1,14 +1,14 @@
 """The environment of the node, which scenes without elements have, and what detections stand on."""
 
-import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Pose, PoseWithCovarianceStamped
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from running import Client, Inbox, NodeProcess, wait_until
+from running import Client, Inbox, NodeProcess
 from scenes import assert_answered, diagonal, moving_object, position_of, request_of, with_physics
 from shape_msgs.msg import Mesh, Plane, SolidPrimitive
 from std_msgs.msg import Header
@@ -26,6 +26,7 @@ NODE = "placed"
 TOPICS = ["/seen/first", "/seen/second"]
 GRAVITY = 9.81  # m/s^2
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+AHEAD = Duration(seconds=1000)  # of stamps: no prediction is late, however slow the machine
 STD = 0.003  # m, of detected positions
 ON_TABLE = 0.002  # m, height of a detected can that stands on the table
 
@@ -36,8 +37,9 @@ def placed():
         "tracked_topics": TOPICS,
         "tracked_models": ["can", "can"],
         "max_input_age": 0.0,
+        "max_input_lead": 0.0,
         "stream_max_computation_time": 30.0,
-        "horizons": [0.5, 20.0],  # no prediction is late, however slow the machine
+        "horizons": [0.5, 20.0],
     }
     with NodeProcess(name=NODE, **parameters) as process:
         yield process
@@ -60,52 +62,73 @@ def set_environment(user, *elements, frame=""):
     return user.call(SetEnvironment, f"/{NODE}/set_environment", request).result
 
 
-def seen(publisher, x=0.0, z=ON_TABLE):
-    message = PoseWithCovarianceStamped()
-    place = message.pose.pose.position
-    place.x, place.z = x, z
-    message.pose.covariance = diagonal(*[STD] * 3, *[0.01] * 3)
-    publisher.publish(message)
-
-
 @pytest.fixture(scope="module")
 def publishers(user):
-    made = [
+    return [
         user.node.create_publisher(PoseWithCovarianceStamped, topic, qos_profile_sensor_data)
         for topic in TOPICS
     ]
-    wait_until(lambda: all(publisher.get_subscription_count() for publisher in made))
-    return made
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def predictions(user):
-    with Inbox(user, Prediction, f"/{NODE}/predictions") as inbox:
-        wait_until(lambda: user.node.count_publishers(f"/{NODE}/predictions") == 1)
-        time.sleep(0.3)
+    with Inbox(user, Prediction, f"/{NODE}/predictions", 100) as inbox:
         yield inbox
 
 
-def test_without_an_environment_nothing_detected_is_predicted(placed, user, publishers, predictions):
+def seen(user, x=0.0, z=ON_TABLE):
+    """A detected pose, with a stamp of its own."""
+    message = PoseWithCovarianceStamped()
+    message.header.stamp = (user.node.get_clock().now() + AHEAD).to_msg()
+    place = message.pose.pose.position
+    place.x, place.z = x, z
+    message.pose.covariance = diagonal(*[STD] * 3, *[0.01] * 3)
+    return message
+
+
+@pytest.fixture(scope="module")
+def see(user, publishers, predictions):
+    """Function that publishes a detected pose, and returns the prediction of it."""
+
+    def predicted(topic=0, **place):
+        sent = seen(user, **place)
+        return predictions.answer(
+            lambda: publishers[topic].publish(sent), lambda found: found.header.stamp == sent.header.stamp
+        )
+
+    return predicted
+
+
+@pytest.fixture(scope="module")
+def before(placed, user, publishers, predictions):
+    """The node's status after something was detected before it has an environment, and what it predicted."""
     with Inbox(user, DiagnosticArray, "/diagnostics") as diagnostics:
-        for _ in range(3):
-            seen(publishers[0])
-            time.sleep(0.1)
-        while True:
-            (status,) = diagnostics.next().status
-            if status.name.startswith(NODE) and status.level == DiagnosticStatus.WARN:
-                break
-    assert "set_environment" in status.message and "planning_scene_topic" in status.message
-    assert not predictions.all()
-    assert placed.output.count("a scene was not predicted") == 1  # of three
+        status, _ = diagnostics.status(
+            f"{NODE}: predictions",
+            lambda values: int(values["errors"]) > 0,
+            lambda: publishers[0].publish(seen(user)),
+        )
+    return status, predictions.all()
 
 
-def test_a_detected_can_stands_on_the_table(user, publishers, predictions):
+@pytest.fixture(scope="module")
+def on_table(before, user):
+    """The node has a table as its environment."""
     with Inbox(user, Environment, f"/{NODE}/current_environment", LATCHED) as latched:
         assert set_environment(user, table()).error_code == ErrorCode.NONE
-        assert [element.id for element in latched.next().elements] == ["table"]
-    seen(publishers[0])
-    (predicted,) = predictions.next().objects
+        while [element.id for element in latched.next().elements] != ["table"]:
+            pass
+
+
+def test_without_an_environment_nothing_detected_is_predicted(placed, before):
+    status, predicted = before
+    assert status.level == DiagnosticStatus.WARN and not predicted
+    assert "set_environment" in status.message and "planning_scene_topic" in status.message
+    assert "a scene was not predicted" in placed.output
+
+
+def test_a_detected_can_stands_on_the_table(on_table, see):
+    predicted, *_ = see().objects
     for state in predicted.states:
         assert position_of(state.pose.pose) == pytest.approx([0.0, 0.0, 0.0], abs=2e-3)
         spread = np.sqrt(np.reshape(state.pose.covariance, (6, 6)).diagonal())
@@ -113,20 +136,16 @@ def test_a_detected_can_stands_on_the_table(user, publishers, predictions):
         assert spread[2] < 1e-3  # the table tells its height
 
 
-def test_a_can_in_mid_air_is_left_out(publishers, predictions):
-    seen(publishers[0], z=0.3)
-    answer = predictions.next()
-    assert not answer.objects
-    (skipped,) = answer.skipped
-    assert skipped.key == TOPICS[0]
-    assert "mid-air" in skipped.value and "0.3 m above 'table'" in skipped.value
+def test_a_can_in_mid_air_is_left_out(on_table, see):
+    answer = see(x=1.0, z=0.3)
+    assert TOPICS[0] not in [predicted.id for predicted in answer.objects]
+    (reason,) = (skipped.value for skipped in answer.skipped if skipped.key == TOPICS[0])
+    assert "mid-air" in reason and "0.3 m above 'table'" in reason
 
 
-def test_a_second_detection_of_a_can_is_left_out(publishers, predictions):
-    seen(publishers[0])
-    predictions.next()
-    seen(publishers[1], x=0.004)
-    answer = predictions.next()
+def test_a_second_detection_of_a_can_is_left_out(on_table, see):
+    see()
+    answer = see(topic=1, x=0.004)
     assert len(answer.objects) == 1
     (skipped,) = answer.skipped
     assert "second detection" in skipped.value
@@ -137,13 +156,13 @@ def falling(**others):
     return with_physics(request_of(message, **others), gravity=(0.0, 0.0, -GRAVITY))
 
 
-def test_a_request_without_elements_has_the_environment_of_the_node(user):
+def test_a_request_without_elements_has_the_environment_of_the_node(on_table, user):
     response = user.predict(falling(horizon=2.0), node=NODE)
     assert_answered(response)
     assert position_of(response.prediction.objects[0].states[-1].pose.pose)[2] > -0.05
 
 
-def test_a_request_may_have_other_elements_or_none(user):
+def test_a_request_may_have_other_elements_or_none(on_table, user):
     request = falling(horizon=2.0)
     request.scene.environment.elements = [table(-1.0)]
     z = position_of(user.predict(request, node=NODE).prediction.objects[0].states[-1].pose.pose)[2]
@@ -154,7 +173,7 @@ def test_a_request_may_have_other_elements_or_none(user):
     assert z == pytest.approx(0.4 - 0.5 * GRAVITY * 0.5**2, abs=0.02)
 
 
-def test_a_bad_environment_is_refused_and_changes_nothing(user):
+def test_a_bad_environment_is_refused_and_changes_nothing(on_table, user):
     flat = EnvironmentElement(
         id="flat", primitive=SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[1.0, 1.0, -0.1])
     )
@@ -166,12 +185,12 @@ def test_a_bad_environment_is_refused_and_changes_nothing(user):
         assert [element.id for element in latched.next().elements] == ["table"]
 
 
-def test_the_latched_topic_sets_the_environment(user):
+def test_the_latched_topic_sets_the_environment(on_table, user):
     publisher = user.node.create_publisher(Environment, f"/{NODE}/environment", LATCHED)
     with Inbox(user, Environment, f"/{NODE}/current_environment", LATCHED) as latched:
-        latched.next()
         publisher.publish(Environment(elements=[table(0.1, name="")]))
-        assert [element.id for element in latched.next().elements] == ["element_0"]
+        while [element.id for element in latched.next().elements] != ["element_0"]:
+            pass
     set_environment(user, table())
     user.node.destroy_publisher(publisher)
 

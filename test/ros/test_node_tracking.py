@@ -16,7 +16,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Transform
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import qos_profile_sensor_data
-from running import Client, Inbox, NodeProcess, wait_until
+from running import READY_TIMEOUT, Client, Inbox, NodeProcess, wait_until
 from scenes import position_of
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
@@ -76,19 +76,22 @@ class Camera:
             )
             for name in MODELS
         }
-        for publisher in self._publishers.values():
-            wait_until(lambda publisher=publisher: publisher.get_subscription_count() == 1)
         self._inbox = Inbox(listener, TrackedObjects, "/tracker/tracked", 100)
-        wait_until(lambda: self._node.count_publishers("/tracker/tracked") == 1)
         self._start = 1000.0
+        for k, name in enumerate(MODELS):  # until all topics are connected
+            stamp = self.stamp(k)
+            self._inbox.answer(
+                lambda k=k, name=name: self.send(k, name, (k, 0.0, 0.0)),
+                lambda found, stamp=stamp: found.header.stamp == stamp or found.skipped,
+            )
 
     def begin(self):
         """Forget all objects; later times."""
-        self._inbox.all()
+        began = time.time()
         assert self._listener.call(Reset, "/tracker/reset", Reset.Request()).result.error_code == 0
         self._start += 1000.0
-        while self._inbox.next().objects:
-            pass
+        while (found := self._inbox.next()).objects or seconds_of(found) < began:
+            pass  # from before; without objects the stamp is the time of the reset
 
     def stamp(self, t):
         """The stamp of a time since `begin`."""
@@ -113,6 +116,12 @@ class Camera:
         """What is published after one observation that is sent."""
         self.send(*observation, **others)
         return self.next()
+
+    def see_until_skipped(self, *observation):
+        """What is published once something else that was sent is left out; repetitions have no effect."""
+        while not (found := self.see(*observation)).skipped:
+            pass
+        return found
 
 
 @pytest.fixture(scope="module")
@@ -177,8 +186,7 @@ def test_bad_observations_are_left_out_alone(camera):
         camera.see(PERIOD, "ghost", (0.0, 0.0, 0.5)),
     ]
     camera.send(PERIOD, "box", (0.0, 0.0, 0.5), frame="nowhere")
-    time.sleep(0.3)
-    bad.append(camera.see(PERIOD, "box", (0.0, 0.0, 0.0)))
+    bad.append(camera.see_until_skipped(PERIOD, "box", (0.0, 0.0, 0.0)))
     reasons = [(own.key, own.value) for message in bad for own in message.skipped]
     expected = ("pose.position must be finite", "pose.orientation", UNKNOWN_MODEL, "header.frame_id ")
     assert [name for name, _ in reasons] == ["box", "box", "ghost", "box"]
@@ -271,11 +279,10 @@ def stand(camera):
 
 def test_the_newest_belief_is_predicted(camera, listener):
     with Inbox(listener, Prediction, "/tracker/predictions") as inbox:
-        wait_until(lambda: listener.node.count_publishers("/tracker/predictions") == 1)
-        time.sleep(0.3)
-        last = stand(camera)
-        while (message := inbox.next()).header.stamp != last.header.stamp:
-            pass
+        # the newest belief alone is predicted, and none before the topic is connected
+        message = inbox.answer(
+            lambda: stand(camera), lambda found: found.header.stamp == camera.stamp(5 * PERIOD)
+        )
     (own,) = message.objects
     assert [seconds(state.time_from_start) for state in own.states] == pytest.approx(HORIZONS)
     valid = nanoseconds(message.valid_until) - nanoseconds(message.header.stamp)
@@ -342,8 +349,7 @@ def test_what_the_robot_does_moves_what_it_pushes(camera, listener):
     assert x == pytest.approx(PUSHED, abs=0.02)
     action.type = Action.WRENCH
     publisher.publish(message)
-    time.sleep(0.2)
-    (reason,) = camera.see(6 * PERIOD, "box", (0.0, 0.0, 0.0)).skipped
+    (reason,) = camera.see_until_skipped(6 * PERIOD, "box", (0.0, 0.0, 0.0)).skipped
     assert reason.key == "~/actions" and "trajectory" in reason.value.lower()
 
 
@@ -361,8 +367,12 @@ def test_objects_are_forgotten_on_request(camera, listener):
 
 
 @pytest.fixture(scope="module")
-def planner(node):
-    with PythonClient(server="/tracker") as made:
+def planner(camera):
+    """A client of the node that has already heard of tracked objects."""
+    with PythonClient(server="/tracker", timeout=READY_TIMEOUT) as made, ThreadPoolExecutor() as pool:
+        found = pool.submit(made.tracked)
+        while not found.done():
+            stand(camera)
         yield made
 
 
@@ -371,12 +381,14 @@ def test_the_client_observes_and_asks(camera, planner):
     turned = np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
     std = np.array([0.002, 0.002, 0.002, 0.01, 0.02, 0.03])
     at = 1e-9 * nanoseconds(camera.stamp(6 * PERIOD))
-    with ThreadPoolExecutor() as pool:
-        found = pool.submit(planner.tracked)
-        while not found.done():  # until both topics are discovered; what arrives again has no effect
-            planner.observe("left/1", PoseMeasurement([0.5, 0.0, 0.0, *turned], std, "model"), at)
-            time.sleep(0.1)
-        tracked = found.result()
+    tracked = {}
+    while "left/1" not in tracked:
+        with ThreadPoolExecutor() as pool:
+            found = pool.submit(planner.tracked)
+            while not found.done():  # until the topic is connected; what arrives again has no effect
+                planner.observe("left/1", PoseMeasurement([0.5, 0.0, 0.0, *turned], std, "model"), at)
+                time.sleep(0.1)
+            tracked = found.result()
     assert list(tracked) == ["box", "left/1"]
     box, can = tracked.values()
     assert (box.model, box.status, box.rejections) == ("salt_box", TrackStatus.TRACKED, 0)
@@ -396,7 +408,7 @@ def test_after_a_reset_the_client_has_nothing_from_before(camera, planner):
 
 def test_a_new_client_knows_its_own_reset(camera):
     stand(camera)
-    with PythonClient(server="/tracker", timeout=5.0) as other:
+    with PythonClient(server="/tracker", timeout=READY_TIMEOUT) as other:
         other.reset()
         assert other.tracked() == {}
 
@@ -437,8 +449,8 @@ def test_the_example_follows_a_covered_can():
     }
     with NodeProcess(name="follower", **parameters) as process:
         program = [sys.executable, str(ROOT / "examples" / "track_objects.py"), "/follower"]
-        done = subprocess.run(program, check=False, capture_output=True, text=True, timeout=100)
-        process.end(timeout=60.0)
+        done = subprocess.run(program, check=False, capture_output=True, text=True, timeout=READY_TIMEOUT)
+        process.end()
     assert done.returncode == 0, done.stderr
     place = r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\) m"
     (x, y, _), speed = re.findall(place, done.stdout)[0], float(re.findall(r"([\d.]+) m/s", done.stdout)[0])
@@ -472,27 +484,19 @@ def test_the_start_warns_about_what_cannot_be_tracked(node):
     assert ("vision_msgs is not installed" in before) is not has_detections
 
 
-def tracking_values(inbox):
-    """The numbers of the tracker's next status; other nodes tell theirs on this topic, too."""
-    while True:
-        for status in inbox.next().status:
-            if status.name == "tracker: tracking":
-                return {pair.key: pair.value for pair in status.values}
-
-
 def test_diagnostics_count_observations(camera, listener):
     with Inbox(listener, DiagnosticArray, "/diagnostics") as inbox:
         camera.begin()
-        before = tracking_values(inbox)
+        _, before = inbox.status("tracker: tracking")
         sent = fall()
         for k in (0, 1, 2, 4, 3, 3):
             camera.see(*sent[k])
 
-        def counted(name):
+        def counted(name, values):
             return int(values[name]) - int(before[name])
 
-        values = tracking_values(inbox)
-        while counted("observations") < 6:  # an older status may come first
-            values = tracking_values(inbox)
+        _, values = inbox.status(
+            "tracker: tracking", lambda values: counted("observations", values) >= 6
+        )  # an older status may come first
     assert values["objects"] == "1"
-    assert counted("late observations") >= 1 and counted("duplicate observations") == 1
+    assert counted("late observations", values) >= 1 and counted("duplicate observations", values) == 1

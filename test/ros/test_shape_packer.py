@@ -122,7 +122,7 @@ def test_a_packing_holds_up_nobody_else(library, monkeypatch):
 
     def slow(*arguments):
         packed_meshes.append(arguments)
-        go.wait(30.0)
+        go.wait()
         return pack(*arguments)
 
     monkeypatch.setattr(models, "_pack", slow)

@@ -6,12 +6,12 @@ What is not on PyPI is used where a machine has it; the other tests run anywhere
 import signal
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numba
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from lifecycle_msgs.srv import GetState
 from rclpy.duration import Duration
@@ -19,8 +19,18 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
-from running import READY_TIMEOUT, Client, Inbox, NodeProcess, node_in_this_process, result_of, wait_until
+from running import (
+    ANSWER_TIMEOUT,
+    READY_TIMEOUT,
+    Client,
+    Inbox,
+    NodeProcess,
+    node_in_this_process,
+    result_of,
+    wait_until,
+)
 from scenes import assert_answered, good_request, moving_object, position_of, request_of, with_physics
+from std_msgs.msg import Header
 from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
@@ -65,15 +75,24 @@ def two_threads(context):
     return MultiThreadedExecutor(2, context=context)
 
 
-def test_in_the_executor_of_others(robot, client):
-    name = "robot_1/unc_physics"
-    assert_answered(client.predict(good_request(), node=name))
-    endless = good_request(propagator="monte_carlo", samples=2000, horizon=50.0, max_computation_time=2.0)
-    waiting = client.start(Predict, f"/{name}/predict", Predict.Request(request=endless))
-    client.call(Empty, "/other/call", Empty.Request())
-    assert_answered(client.predict(good_request(), node=name))
-    assert not waiting.done()
-    assert result_of(waiting).result.error_code == ErrorCode.TIMEOUT
+def test_in_the_executor_of_others(robot, client, monkeypatch):
+    name, record, go = "robot_1/unc_physics", rollout.record, threading.Event()
+
+    def held(states, history, world, *where):
+        if world.dt == slow.physics.dt:
+            go.wait()
+        record(states, history, world, *where)
+
+    monkeypatch.setattr(rollout, "record", held)
+    slow = with_physics(good_request(propagator="monte_carlo"), dt=0.005)
+    waiting = client.start(Predict, f"/{name}/predict", Predict.Request(request=slow))
+    try:
+        client.call(Empty, "/other/call", Empty.Request())
+        assert_answered(client.predict(good_request(), node=name))
+        assert not waiting.done()
+    finally:
+        go.set()
+    assert_answered(result_of(waiting))
 
 
 class Processors:
@@ -85,7 +104,7 @@ class Processors:
 
     def __init__(self, together, each):
         self._record, self._each, self._lock = rollout.record, each, threading.Lock()
-        self._barrier = threading.Barrier(together, timeout=30.0)
+        self._barrier = threading.Barrier(together, timeout=ANSWER_TIMEOUT)
         self._begun, self._running = [], 0
         self.most = 0
 
@@ -171,9 +190,10 @@ def test_simulated_time(robot, client):
     clock = client.node.create_publisher(Clock, "/clock", 1)
     scenes = client.node.create_publisher(Scene, "/robot_1/unc_physics/scene", qos_profile_sensor_data)
     wait_until(lambda: clock.get_subscription_count() and scenes.get_subscription_count())
-    now = Clock()
-    now.clock.sec = 1000
-    scene = Scene(objects=good_request().scene.objects)
+    now = Clock(clock=Time(sec=1000))
+
+    def scene(stamp):
+        return Scene(header=Header(stamp=stamp), objects=good_request().scene.objects)
 
     def tick():
         clock.publish(now)
@@ -181,14 +201,12 @@ def test_simulated_time(robot, client):
 
     with Inbox(client, Prediction, "/robot_1/unc_physics/predictions") as inbox:
         wait_until(tick)
-        time.sleep(0.3)
-        scene.header.stamp = client.node.get_clock().now().to_msg()  # of real time: far in the future
-        scenes.publish(scene)
-        time.sleep(0.5)
-        assert not inbox.all()
-        scene.header.stamp.sec, scene.header.stamp.nanosec = 1000, 0
-        scenes.publish(scene)
-        assert inbox.next().header.stamp.sec == 1000
+        inbox.answer(lambda: scenes.publish(scene(Time(sec=1000))))
+        scenes.publish(scene(client.node.get_clock().now().to_msg()))  # of real time: far in the future
+        last = scene(Time(sec=1000, nanosec=1))
+        scenes.publish(last)
+        while (stamp := inbox.next().header.stamp) != last.header.stamp:
+            assert stamp.sec == 1000
     client.node.destroy_publisher(clock)
     client.node.destroy_publisher(scenes)
 

@@ -1,15 +1,15 @@
 """Scenes in on topics, predictions out."""
 
 import threading
-import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
-from running import Client, Inbox, NodeProcess, wait_until
+from running import ANSWER_TIMEOUT, Client, Inbox, NodeProcess, wait_until
 from scenes import POSITION_STD, good_request, moving_object, numbers_of, position_of
 from shape_msgs.msg import Plane
 from std_msgs.msg import Header
@@ -21,13 +21,14 @@ from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
-from unc_physics.ros.scene_topics import LatestWorker, StreamedScene, prepared
+from unc_physics.ros.scene_topics import LatestWorker, StreamedScene, prepared, stamp_problem
 from unc_physics.ros.stream_pace import Pace
 from unc_physics.ros.streams import request_of, topic_name, transforms
 from unc_physics_msgs.msg import EnvironmentElement, PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]
 AHEAD = 20.0  # s, of stamps before now: the horizon has not passed, however slow the machine
+STATUS = "stream: predictions"
 SPHERES = 200  # their loss of extent is below the standard deviation of position, and raises no flag
 
 
@@ -74,20 +75,21 @@ def publish(node, listener):
     return publisher.publish
 
 
-def answer_to(sent, publish, listener):
-    """The prediction of a scene; those of scenes before it may come still."""
-    with Inbox(listener, Prediction, "/stream/predictions") as inbox:
-        wait_until(lambda: listener.node.count_publishers("/stream/predictions") == 1)
-        time.sleep(0.3)
-        publish(sent)
-        while (message := inbox.next()).header.stamp != sent.header.stamp:
-            pass
-        return message
+@pytest.fixture(scope="module")
+def answer_to(publish, listener):
+    """Function that publishes a scene and returns its prediction; those of earlier scenes may still come."""
+    with Inbox(listener, Prediction, "/stream/predictions", 100) as inbox:
+        yield lambda sent: inbox.answer(lambda: publish(sent), is_of(sent))
 
 
-def test_a_scene_is_predicted_for_all_horizons(publish, listener):
+def is_of(sent):
+    """Whether a message has the stamp of a scene."""
+    return lambda message: message.header.stamp == sent.header.stamp
+
+
+def test_a_scene_is_predicted_for_all_horizons(answer_to, listener):
     sent = scene(listener)
-    message = answer_to(sent, publish, listener)
+    message = answer_to(sent)
     assert (message.header.stamp, message.header.frame_id) == (sent.header.stamp, "world")
     assert [predicted.id for predicted in message.objects] == ["left/1", "right"]
     for predicted in message.objects:
@@ -102,16 +104,16 @@ def test_a_scene_is_predicted_for_all_horizons(publish, listener):
     assert np.allclose(way, 0.5 * np.array(HORIZONS), atol=1e-3)  # a few sigma points may touch at the end
 
 
-def test_the_same_scene_has_the_same_prediction(publish, listener):
+def test_the_same_scene_has_the_same_prediction(answer_to, listener):
     """What changes from one prediction of a stream to the next is the scene, not what was drawn."""
-    first, second = (answer_to(scene(listener), publish, listener) for _ in range(2))
+    first, second = (answer_to(scene(listener)) for _ in range(2))
     assert first.header.stamp != second.header.stamp and first.seed == second.seed
     for one, other in zip(first.objects, second.objects, strict=True):
         for states in zip(one.states, other.states, strict=True):
             assert np.array_equal(*map(numbers_of, states))
 
 
-def test_one_bad_object_is_left_out_alone(publish, listener):
+def test_one_bad_object_is_left_out_alone(answer_to, listener):
     sent = scene(listener)
     bad = [moving_object(name, position=(2.0 * k + 5.0, 0.0, 0.0)) for k, name in enumerate("abcde")]
     bad[0].pose.position.x = float("nan")
@@ -120,7 +122,7 @@ def test_one_bad_object_is_left_out_alone(publish, listener):
     bad[3].model = "teapot"
     bad[4].id = "right"
     sent.objects = [*bad[:4], *sent.objects, bad[4]]
-    message = answer_to(sent, publish, listener)
+    message = answer_to(sent)
     assert [predicted.id for predicted in message.objects] == ["left/1", "right"]
     reasons = {pair.key: pair.value for pair in message.skipped}
     assert reasons["a"] == "scene.objects[0].pose.position must be finite (got nan)"
@@ -132,61 +134,49 @@ def test_one_bad_object_is_left_out_alone(publish, listener):
 
 def test_a_pose_of_one_object_at_one_horizon(publish, listener):
     assert topic_name("left/1") == "left_1"
+    sent = scene(listener)
     with Inbox(listener, PoseWithCovarianceStamped, "/stream/predicted_pose/left_1") as inbox:
-        publish(scene(listener))  # the topic comes with the first pose
-        wait_until(lambda: listener.node.count_publishers("/stream/predicted_pose/left_1") == 1)
-        time.sleep(0.3)
-        inbox.all()
-        publish(scene(listener))
-        assert position_of(inbox.next().pose.pose)[0] == pytest.approx(-0.2 + 0.5 * 0.2, abs=1e-4)
+        message = inbox.answer(lambda: publish(sent), is_of(sent))  # the topic comes with the first pose
+    assert position_of(message.pose.pose)[0] == pytest.approx(-0.2 + 0.5 * 0.2, abs=1e-4)
 
 
-def test_scenes_of_other_times_are_dropped_and_bad_ones_told(publish, listener):
-    def status(inbox):
-        inbox.all()
-        while True:  # other nodes tell about themselves, too
-            (found,) = inbox.next().status
-            if found.name.startswith("stream:"):
-                return found, {pair.key: pair.value for pair in found.values}
+@pytest.mark.parametrize(
+    ("age", "words"),
+    [
+        (29.0, None),
+        (-29.0, None),
+        (60.0, "60 s old, and max_input_age is 30 s"),
+        (-60.0, "60 s in the future, and max_input_lead is 30 s"),
+        (1005.0, "1e+03 s old"),  # a stamp below zero
+    ],
+)
+def test_stamps_that_are_too_old_or_too_far_ahead(age, words):
+    now = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=10**12))
+    node, stamp = SimpleNamespace(get_clock=lambda: now), Time(sec=round(1000.0 - age), nanosec=0)
+    problem = stamp_problem(node, stamp, Settings(max_input_age=30.0, max_input_lead=30.0))
+    assert problem is None if words is None else words in problem
 
+
+def test_scenes_of_other_times_are_dropped_and_bad_ones_told(publish, answer_to, listener):
+    old, bad, last = scene(listener, age=60.0), scene(listener), scene(listener)
+    bad.common_pose_std[1] = -1.0
+    received = []
     with (
         Inbox(listener, DiagnosticArray, "/diagnostics") as diagnostics,
-        Inbox(listener, Prediction, "/stream/predictions") as inbox,
+        Inbox(listener, Prediction, "/stream/predictions", 100) as predictions,
     ):
-        time.sleep(0.3)
-        _, before = status(diagnostics)
-        publish(scene(listener, age=60.0))
-        time.sleep(0.3)
-        publish(scene(listener, age=-60.0))
-        time.sleep(0.3)
-        before_all_time = scene(listener)
-        before_all_time.header.stamp.sec = -5
-        publish(before_all_time)
-        bad = scene(listener)
-        bad.common_pose_std[1] = -1.0
-        time.sleep(0.3)
-        publish(bad)
-        wait_until(lambda: int(status(diagnostics)[1]["errors"]) == int(before["errors"]) + 1)
-        found, after = status(diagnostics)
-        assert int(after["dropped inputs"]) == int(before["dropped inputs"]) + 3
-        assert found.level == DiagnosticStatus.WARN
-        assert "common_pose_std[1]" in after["last error"]
-        assert not inbox.all()
-        publish(scene(listener))
-        inbox.next()
+        _, before = diagnostics.status(STATUS)
+        for sent, counter in ((old, "dropped inputs"), (bad, "errors")):
 
+            def counted(values, counter=counter):
+                return int(values[counter]) > int(before[counter])
 
-def test_the_newest_scene_wins(publish, listener):
-    with Inbox(listener, Prediction, "/stream/predictions") as inbox:
-        time.sleep(0.3)
-        for _ in range(200):
-            last = scene(listener)
-            publish(last)
-        newest = inbox.next()
-        deadline = time.monotonic() + 20.0
-        while newest.header.stamp != last.header.stamp and time.monotonic() < deadline:
-            newest = inbox.next()
-        assert newest.header.stamp == last.header.stamp
+            status, values = diagnostics.status(STATUS, counted, lambda sent=sent: publish(sent))
+        assert status.level == DiagnosticStatus.WARN and "common_pose_std[1]" in status.message
+        assert "common_pose_std[1]" in values["last error"]
+        answer_to(last)
+        wait_until(lambda: received.extend(predictions.all()) or any(map(is_of(last), received)))
+    assert not [one for one in received if is_of(old)(one) or is_of(bad)(one)]
 
 
 def test_what_waits_is_replaced_by_what_is_newer():
@@ -194,12 +184,12 @@ def test_what_waits_is_replaced_by_what_is_newer():
 
     def work(item):
         begun.set()
-        go_on.wait(10.0)
+        go_on.wait(ANSWER_TIMEOUT)
         done.append(item)
 
     newest = LatestWorker(work, lambda: replaced.append(1))
     newest.put("first")
-    assert begun.wait(10.0)
+    assert begun.wait(ANSWER_TIMEOUT)
     for item in ("late", "later", "latest"):
         newest.put(item)
     go_on.set()
@@ -292,12 +282,12 @@ def test_one_bad_detection_is_left_out_alone():
     assert "pose.position must be finite (got nan)" in reasons["brick_2"]
 
 
-def test_what_holds_no_valid_object_is_answered_by_an_empty_prediction(publish, listener):
+def test_what_holds_no_valid_object_is_answered_by_an_empty_prediction(answer_to, listener):
     empty, bad = scene(listener), scene(listener)
     empty.objects = []
     for own in bad.objects:
         own.mass = -1.0
-    answers = [answer_to(one, publish, listener) for one in (empty, bad)]
+    answers = [answer_to(one) for one in (empty, bad)]
     assert all(not message.objects and message.header.frame_id == "world" for message in answers)
     assert [pair.key for pair in answers[1].skipped] == ["left/1", "right"]
 
@@ -328,9 +318,7 @@ def test_predicted_poses_are_on_tf(listener):
     with NodeProcess(name="on_tf", **options), Inbox(listener, messages.TFMessage, "/tf") as inbox:
         sent = scene(listener)
         publisher = listener.node.create_publisher(Scene, "/on_tf/scene", qos_profile_sensor_data)
-        wait_until(lambda: publisher.get_subscription_count() > 0)
-        publisher.publish(sent)
-        names = {one.child_frame_id for one in inbox.next().transforms}
+        names = {one.child_frame_id for one in inbox.answer(lambda: publisher.publish(sent)).transforms}
         assert names == {"left/1_predicted", "right_predicted"}
 
 
@@ -339,32 +327,34 @@ def test_detections_are_predicted(node, listener):
     publisher = listener.node.create_publisher(
         messages.Detection3DArray, "/stream/detections", qos_profile_sensor_data
     )
-    wait_until(lambda: publisher.get_subscription_count() == 1)
+    sent = detections(lambda kind, **parts: getattr(messages, kind)(**parts))
     with Inbox(listener, Prediction, "/stream/predictions") as inbox:
-        time.sleep(0.3)
-        publisher.publish(detections(lambda kind, **parts: getattr(messages, kind)(**parts)))
-        answer = inbox.next()
-        assert [(predicted.id, predicted.model) for predicted in answer.objects] == [
-            ("the can", "can"),
-            ("brick_2", "brick"),
-        ]
-        assert [skipped.key for skipped in answer.skipped] == ["teapot_3", "detection_1"]
+        answer = inbox.answer(lambda: publisher.publish(sent), has_objects("the can", "brick_2"))
+    assert [predicted.model for predicted in answer.objects] == ["can", "brick"]
+    assert [skipped.key for skipped in answer.skipped] == ["teapot_3", "detection_1"]
+
+
+def has_objects(*names):
+    """Whether a prediction is of these objects."""
+    return lambda message: [predicted.id for predicted in message.objects] == list(names)
 
 
 def test_a_tracked_object(node, listener):
     publisher = listener.node.create_publisher(
         PoseWithCovarianceStamped, "/tracker/pose", qos_profile_sensor_data
     )
-    wait_until(lambda: publisher.get_subscription_count() == 1)
-    message = PoseWithCovarianceStamped()
-    message.pose.pose.position.z = 2.0
+    sent = PoseWithCovarianceStamped()
+    sent.pose.pose.position.z = 2.0
     with Inbox(listener, Prediction, "/stream/predictions") as inbox:
-        time.sleep(0.3)
-        publisher.publish(message)
-        (predicted,) = inbox.next().objects
-    assert (predicted.id, predicted.model) == ("/tracker/pose", "can")
+        (predicted,) = inbox.answer(lambda: publisher.publish(sent), has_objects("/tracker/pose")).objects
+    assert predicted.model == "can"
     spread = np.sqrt(np.reshape(predicted.states[-1].pose.covariance, (6, 6))[0, 0])
     assert spread == pytest.approx(0.5 * HORIZONS[-1], rel=0.05)  # its velocity is not known
+
+
+def draws(sent):
+    """Whether markers are of a scene."""
+    return lambda message: is_of(sent)(message.markers[-1])
 
 
 def test_markers(publish, listener):
@@ -372,15 +362,11 @@ def test_markers(publish, listener):
         Inbox(listener, MarkerArray, "/stream/stream_markers") as inbox,
         Inbox(listener, MarkerArray, "/stream/markers") as of_requests,
     ):
-        wait_until(lambda: listener.node.count_publishers("/stream/stream_markers") == 1)
-        time.sleep(0.3)
-        publish(scene(listener))
-        first, *others = inbox.next().markers
-        assert not of_requests.all()
-        listener.predict(good_request(), node="stream")
-        of_requests.next()
-        time.sleep(0.2)
-        assert not inbox.all()
+        sent, request = scene(listener), good_request()
+        request.scene.header.stamp.sec = 123
+        first, *others = inbox.answer(lambda: publish(sent), draws(sent)).markers
+        assert draws(request.scene)(of_requests.answer(lambda: listener.predict(request, node="stream")))
+        assert not any(map(draws(request.scene), inbox.all()))
     assert first.action == Marker.DELETEALL
     kinds = {marker.ns for marker in others}
     assert kinds == {
@@ -402,11 +388,9 @@ def test_markers(publish, listener):
 
 
 def test_occupancy(publish, listener):
+    sent = scene(listener)
     with Inbox(listener, MarkerArray, "/stream/occupancy") as inbox:
-        wait_until(lambda: listener.node.count_publishers("/stream/occupancy") == 1)
-        time.sleep(0.3)
-        publish(scene(listener))
-        first, *boxes = inbox.next().markers
+        first, *boxes = inbox.answer(lambda: publish(sent), draws(sent)).markers
     assert first.action == Marker.DELETEALL
     assert [(box.ns, box.id) for box in boxes] == [
         (f"occupancy {name}", k) for name in ("left/1", "right") for k in range(len(HORIZONS))
