@@ -30,7 +30,7 @@ from unc_physics.scene.stiffness import with_stiffness
 
 TABLE = Box((0.4, 0.6, 0.02), (-0.2, 0.0, -0.01))  # its edge is at x = 0
 STEPS = pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
-INSET = pytest.mark.parametrize("inset", [-2e-3, 2e-3, 5e-3])  # of the centre of mass from the edge [m]
+INSET = pytest.mark.parametrize("inset", [-2e-3, 2e-3])  # of the centre of mass from the edge [m]
 
 
 @cache
@@ -88,7 +88,7 @@ def two_rounded_boxes(radius, dt):
 
 @STEPS
 @pytest.mark.parametrize("radius", [0.5e-3, 1e-3, 2e-3, 5e-3])
-@pytest.mark.parametrize("inset", [-2e-3, 2e-3, 0.02])
+@INSET
 def test_rounded_boxes_carry_each_other_between_their_spheres(inset, radius, dt):
     """The edge of the flat face is inset by the radius."""
     scene, lower = two_rounded_boxes(radius, dt)
