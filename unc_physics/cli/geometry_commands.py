@@ -53,7 +53,10 @@ def add_pack_command(commands) -> None:
     parser.add_argument(
         "--repair",
         action="store_true",
-        help="try trimesh's repairs on a mesh that is open or has inverted faces, and report them",
+        help=(
+            "try trimesh's repairs on a mesh that is open or has inverted faces, unite parts that overlap, and"
+            " report what changed"
+        ),
     )
     parser.add_argument(
         "--uniform",
@@ -131,7 +134,7 @@ def _add_threads(parser):
 
 def run_pack(arguments: argparse.Namespace) -> int:
     """Pack a mesh file."""
-    _require("trimesh", "scipy", *(["networkx"] if arguments.repair else []))
+    _require("trimesh", "scipy", *(["manifold3d", "networkx"] if arguments.repair else []))
     from dataclasses import replace
 
     from ..checks.errors import InvalidMeshError, InvalidOptionError

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,10 @@ _ARCHIVES = {"bz2", "gz", "tar.bz2", "tar.gz", "zip"}  # that trimesh unpacks, h
 FLAT = 1e-12  # of the cube of the size: less volume than this is none
 _PROBES, _PROBE_WORK = (40, 200), 2e7  # points on a surface, and points times triangles, that crossings cost
 _BELOW = 1e-9  # of the size, below the surface
+_UNITES = "(a repair unites the parts with trimesh.boolean.union)"
 _CROSSED = 0.02  # of the surface, that may cross the rest: ears and seams spoil no volume
+_TWICE = 0.01  # of the volume, that may count twice: handles may reach a little into walls
+_LITTLE = 1e-3  # of the volume, where boxes around two components may overlap
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +80,7 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
     path : str or path-like
         The mesh.
     repair : bool
-        Try trimesh's repairs on a mesh that is no solid.
+        Try trimesh's repairs on a mesh that is no solid, and unite parts that overlap (needs manifold3d).
 
     Returns
     -------
@@ -101,7 +105,7 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
         problem, hint, _ = error.problem.partition(" (a repair")
         if hint:
             problem = (
-                f"{problem}; the repair could not mend it: close it in a mesh editor"
+                f"{problem}; the repair could not mend it: mend it in a mesh editor"
                 if repair
                 else error.problem
             )
@@ -142,7 +146,8 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
 def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
     """Return a solid from vertices (n, 3) [m] and triangles (m, 3).
 
-    Several components are one body. A component that is wound inside out is a cavity of the one around it.
+    Several components are one body, and must not overlap. A component that is wound inside out is a cavity of
+    the one around it.
     Raises `InvalidMeshError` if the triangles are not the boundary of a solid.
     """
     import trimesh
@@ -160,6 +165,7 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
     check_closed(faces)
     check_outside_out(points, faces)
     check_crossings(points, faces)
+    check_overlaps(points, faces)
     properties = trimesh.triangles.mass_properties(points[faces], density=1.0)
     inertia = np.asarray(properties.inertia) / properties.volume
     inertia = 0.5 * (inertia + inertia.T)
@@ -289,6 +295,39 @@ def check_crossings(points, faces):
             )
 
 
+def check_overlaps(points, faces):
+    """Raise `InvalidMeshError` if components overlap, as their common volume counts twice.
+
+    Everywhere the components together wind once around a point, or never. ``points`` are normalized to a size
+    between 1 and 2.
+    """
+    label = components(faces, len(points))
+    parts = [points[faces[label == k]] for k in range(label.max() + 1)]
+    low, high = (np.array([f(part, axis=(0, 1)) for part in parts]) for f in (np.min, np.max))
+    volume = (
+        np.einsum("ij,ij->", points[faces[:, 0]], np.cross(points[faces[:, 1]], points[faces[:, 2]])) / 6.0
+    )
+    twice, rng = 0.0, np.random.default_rng(0)
+    for k, part in enumerate(parts):
+        for j in range(k):
+            corner = np.maximum(low[j], low[k])
+            size = np.maximum(np.minimum(high[j], high[k]) - corner, 0.0)
+            if size.prod() < _LITTLE * volume:
+                continue
+            count = int(np.clip(_PROBE_WORK / (len(part) + len(parts[j])), *_PROBES))
+            probes = corner + size * rng.random((count, 3))
+            total = np.zeros(count)
+            for other in range(len(parts)):
+                within = np.all((low[other] <= probes) & (probes <= high[other]), axis=1)
+                if within.any():
+                    total[within] += winding_number(parts[other], probes[within])
+            twice += size.prod() * float(np.mean(np.abs(total - 0.5) > 1.0))
+    if twice > _TWICE * volume:
+        raise InvalidMeshError(
+            f"has parts that overlap: about {twice / volume:.0%} of its volume counts twice {_UNITES}"
+        )
+
+
 def components(faces, count):
     """Number of the connected component of each triangle."""
     from scipy.sparse import coo_array
@@ -329,7 +368,7 @@ def _check_triangles(vertices, faces):
 
 
 def repaired(vertices, faces):
-    """Vertices and triangles after trimesh's repairs, and what these did, one sentence each."""
+    """Vertices and triangles after trimesh's repairs, and a sentence about each deed."""
     import trimesh
 
     _check_triangles(vertices, faces)
@@ -353,7 +392,26 @@ def repaired(vertices, faces):
     turned = int(np.sum(np.any(lowest_first(old) != lowest_first(mesh.faces), axis=1)))
     if turned:
         did.append(f"turned {turned} triangles round")
+    mesh = _with_united_parts(mesh, did)
     return np.asarray(mesh.vertices) * unit + middle, np.asarray(mesh.faces, dtype=np.int64), did
+
+
+def _with_united_parts(mesh, did):
+    """Return a mesh whose parts are united where they overlap, and add a sentence about it to ``did``."""
+    import trimesh
+
+    try:
+        check_outside_out(mesh.vertices, mesh.faces)
+        check_overlaps(mesh.vertices, mesh.faces)
+    except InvalidMeshError as error:
+        if _UNITES not in error.problem or find_spec("manifold3d") is None:
+            return mesh
+        parts = mesh.split(only_watertight=False)
+        before, volume = len(parts), mesh.volume
+        mesh = trimesh.boolean.union(parts, engine="manifold")
+        less = 1.0 - mesh.volume / volume
+        did.append(f"united {before} parts, which overlapped: the volume is {less:.1%} less")
+    return mesh
 
 
 def lowest_first(faces):
