@@ -12,11 +12,12 @@ from example_scenes import two_bodies
 from plain_scenes import BALL, BLOCK, G, independent, lowest, state, turned
 from twins.states import boxminus
 
-from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, load_scene, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnostics import mean_pose_errors
 from unc_physics.prediction.evidence import Evidence, initial_diagnostics
+from unc_physics.prediction.notes import few_spheres
 from unc_physics.prediction.status import assess, assess_all
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
 from unc_physics.scene.environment import Box, Plane
@@ -393,6 +394,7 @@ def test_a_can_of_few_spheres_rolls_as_one_of_many():
 
 
 def test_few_spheres_get_a_note(tmp_path, capsys):
+    """On the command line, in JSON and in Python; not beside the flag, which says the same."""
     content = {
         "physics": "everyday",
         "exact": True,
@@ -404,8 +406,31 @@ def test_few_spheres_get_a_note(tmp_path, capsys):
     for integrator, noted in (("implicit", True), ("explicit", False)):
         laws = {} if noted else {"friction": None, "restitution": None}
         path.write_text(yaml.safe_dump(content | {"integrator": integrator} | laws))
-        assert main(["predict", str(path)]) == 0
-        assert ("toy has 100 spheres, which reach up to" in capsys.readouterr().err) is noted
+        assert main(["predict", str(path), "--json"]) == 0
+        shown = capsys.readouterr()
+        (told,) = json.loads(shown.out)["statuses"]
+        scene, belief, horizon = load_scene(path)
+        (status,) = assess(predict(scene, belief, make_propagator("auto"), horizon))
+        assert told["notes"] == list(status.notes) and not status.reasons
+        if noted:
+            assert f"toy {status.notes[0]}" in shown.err
+            assert status.notes[0].startswith("has 100 spheres, which reach up to")
+        else:
+            assert not status.notes and "spheres" not in shown.err
+
+
+def test_a_note_about_few_spheres_is_about_what_may_meet_them():
+    """Between the spheres of a mug a ball sinks in, which matters beside another body only."""
+    mug = load_model("mug").prefix(300)
+    assert mug.extent_loss is not None and mug.extent_loss <= 1e-3 and mug.sink is not None
+    mugs = [RigidBody(name, mug) for name in ("mug", "other")]
+    floor = Scene.everyday(mugs[:1], exact=True, environment=[Plane()])
+    both = Scene.everyday(mugs, exact=True)
+    assert few_spheres(floor, 0) is None
+    text = few_spheres(both, 1)
+    assert text is not None and f"sinks by up to {1e3 * mug.sink:.1f} mm" in text
+    enough = [RigidBody(name, load_model("mug")) for name in ("mug", "other")]
+    assert few_spheres(Scene.everyday(enough, exact=True), 0) is None
 
 
 def test_sigma_points_of_which_some_fall_are_flagged():

@@ -16,7 +16,6 @@ from .output import check_output, note, told_progress, writing
 
 _SHOWN_STATE = 1000.0  # bytes of a body's state as Python numbers and as text
 _TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME}"
-_SMOOTH = 0.2  # mm; bumps above change how far a round body rolls
 _UNKNOWN = 20  # limit above which unknown probabilities are only counted
 
 
@@ -146,7 +145,7 @@ def run(arguments) -> int:
     prediction = _predict_with_progress(
         scene, belief, propagator, horizon, period, arguments.time_limit, events
     )
-    _note_what_is_left_out(arguments, scene, propagator, horizon)
+    _note_what_is_left_out(arguments, propagator, horizon)
     if prediction.left_out:
         note(
             f"{propagator.name} leaves out {', '.join(prediction.left_out)}; the status says if the spread is"
@@ -155,6 +154,9 @@ def run(arguments) -> int:
     seed = prediction.seed if prediction.seed is not None else arguments.seed
     found = _probabilities(prediction, events)
     statuses = assess(prediction, rollouts=rollouts)
+    for status in statuses:
+        for text in status.notes:
+            note(f"{printable(status.body)} {text}")
     if arguments.json:
         result = as_dict(prediction, seed, _samples(prediction, arguments.samples_out))
         result["statuses"] = _statuses(statuses)
@@ -213,6 +215,7 @@ def _statuses(statuses):
             "flags": [flag.name for flag in status.flags],
             "message": status.message,
             "reasons": list(status.reasons),
+            "notes": list(status.notes),
             "measures": {
                 key: value if math.isfinite(value) else None for key, value in status.measures.items()
             },
@@ -314,30 +317,10 @@ def check_picture(path):
     check_output(path, ".gif" if Path(path).suffix == ".gif" else ".png", "--picture")
 
 
-def _note_what_is_left_out(arguments, scene, propagator, horizon):
+def _note_what_is_left_out(arguments, propagator, horizon):
     """Print notes about arguments without effect or with a possibly unintended effect."""
-    from ..geometry.packing_file import EXTENT_LOSS, SINK
-    from ..scene.scene_file import may_meet
-
     if arguments.seed is not None and not hasattr(propagator, "seed"):
         note(f"--seed {arguments.seed} has no effect, as {propagator.name} draws nothing")
-    meets = may_meet(len(scene.bodies), scene.environment)
-    for body in scene.bodies if scene.integrator == "implicit" else ():
-        loss = body.model.extent_loss
-        if loss is not None and loss > EXTENT_LOSS:
-            note(
-                f"{printable(body.name)} has {len(body.model)} spheres, which reach up to {1e3 * loss:.1f} mm"
-                " less far than its mesh; spheres: auto takes as many as are needed"
-            )
-            continue
-        sink = body.model.sink
-        if meets and sink is not None and sink > SINK:
-            height = 1e3 * (loss or 0.0)
-            bumps = f"; bumps of up to {height:.1f} mm change how far it rolls" if height > _SMOOTH else ""
-            note(
-                f"{printable(body.name)} has {len(body.model)} spheres, between which a ball of 10 mm radius"
-                f" sinks by up to {1e3 * sink:.1f} mm{bumps}; spheres: auto takes as many as are needed"
-            )
     if horizon is None:
         return
     if arguments.period is not None and float(arguments.period) >= horizon:

@@ -1,4 +1,4 @@
-"""Result of a status: flags, measures and reasons of each body."""
+"""Result of a status: flags, measures, reasons and notes of each body."""
 
 from __future__ import annotations
 
@@ -33,12 +33,15 @@ class BodyStatus:
         What the flags were judged by, each by name (`assess`).
     reasons : tuple of str
         The flags in words.
+    notes : tuple of str
+        What to know besides: facts that raise no flag, such as few spheres.
     """
 
     body: str
     flags: Status
     measures: dict[str, float]
     reasons: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def message(self) -> str:

@@ -28,6 +28,7 @@ from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
 from .evidence import Evidence, kinetic_moments, spread_floors
+from .notes import few_spheres
 from .rare_outcomes import MATTER, tail_factors
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
@@ -105,8 +106,8 @@ def raised(measures: Mapping[str, float]) -> list[str]:
 
 def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodyStatus:
     """Return the status that the measures of a body, by its index, make."""
-    scene, flags, reasons = evidence.scene, Status.FINE, []
-    for key in raised(measures):
+    scene, flags, reasons, keys = evidence.scene, Status.FINE, [], raised(measures)
+    for key in keys:
         value, rule = measures[key], RULES[key]
         flags |= rule.flag
         words = rule.words.format(
@@ -118,7 +119,9 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
         )
         unit = rule.unit and f" {rule.unit}"
         reasons.append(f"{words} ({key} {value:.3g}{unit} above {rule.limit:.3g}{unit})")
-    return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons))
+    spheres = None if extent_loss.__name__ in keys else few_spheres(scene, body)
+    notes = () if spheres is None else (spheres,)
+    return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons), notes)
 
 
 def _spreads_apart(evidence, body):

@@ -30,7 +30,7 @@ from .belief import Belief
 from .body import RigidBody, known_mass
 from .body_belief import MEANS, STDS, BodyBelief
 from .entries import at_field, check_keys, read_numbers, read_std
-from .environment import ELEMENTS, Element, Plane, quantities, surface_tilt_std
+from .environment import ELEMENTS, Element, may_meet, quantities, surface_tilt_std
 from .materials import Surface, check_surface
 from .physics_keys import OVERLAPS, PHYSICS_KEYS
 from .presets import EXACT_PRESETS, PRESETS, with_changes
@@ -278,11 +278,6 @@ def _surface(content, field, error: type[UncPhysicsError] = InvalidRequestError)
     given = {key: content[key] for key in _SURFACE_KEYS if content.get(key) is not None}
     at_field(field, check_surface, Surface(**given), error=error)
     return given
-
-
-def may_meet(bodies, environment) -> bool:
-    """Whether one of so many bodies may touch something else than planes."""
-    return bodies > 1 or not all(isinstance(element, Plane) for element in environment)
 
 
 def _body(content, field, models_dir, folder, spheres, meets):

@@ -73,6 +73,7 @@ _OVERLAP_FIELDS = ("overlap_share", "overlap_moved", "overlap_kept")
 #: Most states of one object that are assessed separately, as documented in the message.
 ASSESSED_STATES = 16
 _SAME_POINT = np.zeros(3)
+_NOTE = "note: "  # before each note of a status, in ``status_msg``
 
 
 def write_answer(message: PredictionMessage, header: Header, settings, job: Job, prediction: Prediction):
@@ -248,7 +249,8 @@ def write_statuses(message, prediction, rollouts) -> None:
                 state.status = int(status.flags)
         begin = end
     for predicted, status in zip(message.objects, statuses, strict=True):  # statuses of the last time
-        predicted.status, predicted.status_msg = int(status.flags), status.message
+        texts = [*status.reasons, *(f"{_NOTE}{text}" for text in status.notes)]
+        predicted.status, predicted.status_msg = int(status.flags), "; ".join(texts)
         predicted.status_values = [
             KeyValue(key=key, value=f"{value:.6g}") for key, value in status.measures.items()
         ]
@@ -481,8 +483,9 @@ def _status(predicted: Any, k: int):
     if k < len(predicted.states) - 1:
         return BodyStatus(predicted.id, Status(predicted.states[k].status), {}, ())
     measures = {pair.key: float(pair.value) for pair in predicted.status_values}
-    reasons = tuple(re.split(r"(?<=\)); ", predicted.status_msg)) if predicted.status_msg else ()
-    return BodyStatus(predicted.id, Status(predicted.status), measures, reasons)
+    reasons, *notes = re.split(rf"(?:^|; ){_NOTE}", predicted.status_msg)
+    flags = tuple(re.split(r"(?<=\)); ", reasons)) if reasons else ()
+    return BodyStatus(predicted.id, Status(predicted.status), measures, flags, tuple(notes))
 
 
 def _start(message, query):

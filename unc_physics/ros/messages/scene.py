@@ -32,10 +32,10 @@ from ...checks.validation import FARTHEST, array, covariance, non_negative, numb
 from ...geometry.packing_file import ROUND_OFF, SpherePacking
 from ...scene.belief import Belief
 from ...scene.body import RigidBody, known_mass
-from ...scene.environment import check_not_reserved, element_names
+from ...scene.environment import check_not_reserved, element_names, may_meet
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
-from ...scene.scene_file import may_meet, with_chosen_stiffness
+from ...scene.scene_file import with_chosen_stiffness
 from ...scene.stiffness import AUTO
 from ...spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
 from ...spatial.origin import (
