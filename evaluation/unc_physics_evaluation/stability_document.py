@@ -104,9 +104,12 @@ class Found:
         ]
 
     def _confirmed(self, case, method, body):
-        """Measures that raise flags of samples of another method, too; of `SHAPE`, any one confirms all."""
+        """Measures of samples of another method that are above their limits, too, surely or not.
+
+        Of `SHAPE`, any one confirms all.
+        """
         others = {MONTE_CARLO, ANYTIME} - {method}
-        found = set().union(*(self._reasons(case, other, body) for other in others))
+        found = set().union(*(self._reasons(case, other, body, surely=False) for other in others))
         return found | SHAPE if found & SHAPE else found
 
     def _impossible(self, case):
@@ -118,11 +121,11 @@ class Found:
         bodies = self.of(case, TRUE, EXTENT)
         return any(RULES[name].flag in flag for k in bodies for name in self._reasons(case, method, k))
 
-    def _reasons(self, case, method, body):
+    def _reasons(self, case, method, body, surely=True):
         """Measures of a prediction that raise flags by the present limits, without resolved overlap."""
         found = {name: self.of(case, method, MEASURE + name).get(body) for name in RULES}
         values = {name: value for name, value in found.items() if value is not None}
-        return {name for name in raised(values) if RULES[name].flag not in IGNORED}
+        return {name for name in raised(values, surely=surely) if RULES[name].flag not in IGNORED}
 
 
 def runs_on(integrator: str) -> list[str]:

@@ -15,7 +15,7 @@ from twins.states import boxminus
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, load_scene, make_propagator, predict
 from unc_physics.__main__ import main
 from unc_physics.prediction.body_status import Status
-from unc_physics.prediction.diagnostics import mean_pose_errors
+from unc_physics.prediction.diagnostics import mean_pose_errors, raised
 from unc_physics.prediction.evidence import Evidence, initial_diagnostics
 from unc_physics.prediction.notes import few_spheres
 from unc_physics.prediction.status import assess, assess_all
@@ -257,6 +257,30 @@ def test_rotation_beyond_a_gaussian_is_outside_validity():
     (status,) = statuses(Scene([RigidBody("a", BALL, 1.0)]), belief, "linearization", 3.0)
     assert status.flags == Status.OUTSIDE_VALIDITY
     assert status.measures["rotation_std"] == pytest.approx(3.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("rate", "flagged"), [(0.3, False), (0.6, True)])
+def test_a_rotation_spread_counts_beyond_its_standard_error(rate, flagged):
+    """Rotations about one axis spread by 0.9 and 1.8 rad after 3 s, of which 50 samples know 10 %."""
+    scene = Scene([RigidBody("a", BALL, 1.0)])
+    start = independent(state(), position=1e-3)
+    blocks = start.blocks.copy()
+    blocks[0, 9, 9] = rate**2
+    belief, found = Belief(start.mean, blocks, start.moving), []
+    for seed in range(20):
+        propagator = make_propagator("monte_carlo", samples=50, seed=seed)
+        (status,) = assess(predict(scene, belief, propagator, 3.0))
+        assert bool(status.flags & Status.OUTSIDE_VALIDITY) == flagged
+        found.append(status.measures["rotation_std"])
+    if not flagged:
+        assert max(found) > 1.0  # by chance
+
+
+def test_a_limit_has_two_standard_errors():
+    own = {"rotation_std": 1.15, "few_samples": 0.05}
+    assert raised(own) == ["rotation_std"]
+    assert raised(own | {"few_samples": 0.1}) == []
+    assert raised(own | {"few_samples": 0.1}, surely=False) == ["rotation_std"]
 
 
 def test_fixed_bodies_have_no_measures():

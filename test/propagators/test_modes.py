@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from unc_physics import Belief, make_propagator, predict
-from unc_physics.propagators.modes import split
+from unc_physics.propagators.modes import contains, split
 
 
 def states(count, centers, shares, std=0.02, seed=0):
@@ -43,6 +43,24 @@ def test_one_group_is_one_mode(rollouts):
     flat[:, 1] = rng.uniform(-0.1, 0.1, rollouts)
     for case in (normal, skewed, flat):
         assert len(split(case, 0.06)) == 1
+
+
+@pytest.mark.parametrize("rollouts", [12, 24, 36])
+def test_few_rollouts_of_a_normal_distribution_are_one_mode(rollouts):
+    """In six coordinates a dozen of them often leave a gap by chance."""
+    cases = [states(rollouts, [[0.0, 0.0, 0.0]], [1.0], seed=seed) for seed in range(100)]
+    assert sum(len(split(case, 0.06)) > 1 for case in cases) <= 1
+
+
+def test_the_mean_of_two_groups_is_in_a_group_of_nearly_all():
+    """Of shares p and 1 - p, it is p times their distance from the second group's mean."""
+    for share, distance, inside in ((0.1, 0.15, True), (0.1, 0.3, False), (0.5, 0.15, False)):
+        case = states(4000, [[0.0, 0.0, 0.0], [distance, 0.0, 0.0]], [1.0 - share, share])
+        mean = case.mean(axis=0)
+        mean[6:10] = 0.0, 0.0, 0.0, 1.0
+        modes = split(case, 0.06)
+        assert len(modes) == 2
+        assert any(contains(mode, mean, 0.06) for mode in modes) == inside
 
 
 def test_a_small_group_is_not_cut_in_two():

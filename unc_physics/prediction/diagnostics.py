@@ -18,12 +18,12 @@ from ..collision.contact_model import capacity, impact_frequency
 from ..geometry.packing_file import EXTENT_LOSS
 from ..initialization.overlap_search import TOUCHING
 from ..propagators.base import Samples
-from ..propagators.modes import split
+from ..propagators.modes import contains, split
 from ..propagators.overlap_depths import overlaps
 from ..propagators.registry import names_where
 from ..scene.environment import thing_names
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, VELOCITY
-from ..spatial.moments import pose_spreads
+from ..spatial.moments import mean_and_errors, pose_spreads
 from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
@@ -40,6 +40,7 @@ _MEAN_DEPTHS = 2e-4, 2e-3
 _PENETRATION = 0.05  # depth that is too deep, over the body's radius
 _LOOKED_AT = 64  # rollouts whose depths are computed, at most: more take longer than all other measures
 _LEAST_SHARE = 0.05  # of an outcome that moves the mean
+_SURE = 2.0  # standard errors beyond which a mean or a spread is no matter of chance
 _EXTENT_SHARE = 5e-3  # loss of extent that counts on large bodies, over the radius
 _DENSITIES = 0.1, 1e5  # kg/m^3, beyond those of things
 _USUAL = 0.95  # share of the rollouts that a residual must be small in
@@ -59,17 +60,22 @@ class Rule(NamedTuple):
     in_contact: bool  # whether it is one of bodies that touched something alone
     #: whether it raises no flag where the spread was compared with that of rollouts, which tell more
     unless_compared: bool
+    #: standard error of the measure, from all measures of the body; it raises the flag where it exceeds the
+    #: limit by two of these
+    error: Callable[[Mapping[str, float]], float] | None
 
 
 #: Every measure by its name.
 RULES: dict[str, Rule] = {}
 
 
-def _measure(flag, limit, words, *, unit="", detail=None, in_contact=False, unless_compared=False):
+def _measure(
+    flag, limit, words, *, unit="", detail=None, in_contact=False, unless_compared=False, error=None
+):
     """Enter a function into `RULES`, under its name."""
 
     def enter(compute):
-        rule = Rule(flag, limit, words, compute, unit, detail, in_contact, unless_compared)
+        rule = Rule(flag, limit, words, compute, unit, detail, in_contact, unless_compared, error)
         RULES[compute.__name__] = rule
         return compute
 
@@ -94,21 +100,31 @@ def measures_of(evidence: Evidence) -> list[dict[str, float]]:
     ]
 
 
-def raised(measures: Mapping[str, float]) -> list[str]:
-    """Return the names of a body's measures that raise their flags; NaN counts as above the limit."""
+def raised(measures: Mapping[str, float], *, surely: bool = True) -> list[str]:
+    """Return the names of a body's measures that raise their flags; NaN counts as above the limit.
+
+    Without ``surely``, standard errors of the measures do not count.
+    """
     compared = "spread_disagreement" in measures
     return [
         name
         for name, value in measures.items()
-        if not value <= RULES[name].limit and not (compared and RULES[name].unless_compared)
+        if not value <= (_sure_limit(name, measures) if surely else RULES[name].limit)
+        and not (compared and RULES[name].unless_compared)
     ]
+
+
+def _sure_limit(name, measures):
+    """The limit of a measure, with two of its standard errors."""
+    rule = RULES[name]
+    return rule.limit if rule.error is None else rule.limit + _SURE * rule.error(measures)
 
 
 def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodyStatus:
     """Return the status that the measures of a body, by its index, make."""
     scene, flags, reasons, keys = evidence.scene, Status.FINE, [], raised(measures)
     for key in keys:
-        value, rule = measures[key], RULES[key]
+        value, rule, limit = measures[key], RULES[key], _sure_limit(key, measures)
         flags |= rule.flag
         words = rule.words.format(
             dt=scene.dt,
@@ -118,7 +134,7 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
             detail="" if rule.detail is None else rule.detail(evidence, body),
         )
         unit = rule.unit and f" {rule.unit}"
-        reasons.append(f"{words} ({key} {value:.3g}{unit} above {rule.limit:.3g}{unit})")
+        reasons.append(f"{words} ({key} {value:.3g}{unit} above {limit:.3g}{unit})")
     spheres = None if extent_loss.__name__ in keys else few_spheres(scene, body)
     notes = () if spheres is None else (spheres,)
     return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons), notes)
@@ -298,12 +314,23 @@ def unsettled(evidence):
     1.0,
     "the rotation spreads too far for a mean and a covariance; read samples or modes in their place",
     unit="rad",
+    error=lambda own: own["rotation_std"] * own.get("spread_error", own.get("few_samples", 0.0)),
 )
 def rotation_std(evidence):
-    """Largest standard deviation of the rotation about any axis [rad]."""
-    P = evidence.snapshot.belief.blocks[:, ERR_ROTATION, ERR_ROTATION]
+    """Largest standard deviation of the rotation about any axis [rad], or that of the rollouts that the
+    spread was compared with, if it is smaller. It raises the flag where it exceeds the limit by two standard
+    errors, which are ``spread_error`` or ``few_samples`` of it.
+    """
+    moving = evidence.scene.moving
+    blocks = evidence.snapshot.belief.blocks[:, ERR_ROTATION, ERR_ROTATION]
+    largest = np.linalg.eigvalsh(blocks)[:, -1]
+    if evidence.compared is not None:
+        _, errors = mean_and_errors(np.ascontiguousarray(evidence.compared), moving)
+        own = errors.reshape(len(errors), len(moving), -1)[:, :, ERR_ROTATION]
+        of_rollouts = np.einsum("rmi,rmj->mij", own, own) / len(own)
+        largest = np.minimum(largest, np.linalg.eigvalsh(of_rollouts)[:, -1])
     result = np.zeros(len(evidence.scene.bodies))
-    result[evidence.scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(P)[:, -1], 0.0))
+    result[moving] = np.sqrt(np.maximum(largest, 0.0))
     return result
 
 
@@ -327,7 +354,7 @@ def point_turn(evidence):
 
 @_measure(
     Status.OUTSIDE_VALIDITY,
-    1.9,
+    2.0,
     f"rollouts spread differently, {{detail}}; {_SAMPLED} helps",
     detail=_spreads_apart,
 )
@@ -381,7 +408,8 @@ def doubtful_contacts(evidence):
 )
 def extent_loss(evidence):
     """Loss of extent by which the spheres are smaller than the mesh, over the standard deviation of position,
-    1 mm, or 0.5 % of the body's radius, whichever is largest. With the implicit integrator, if it is known.
+    that of the rollouts that it was compared with, 1 mm, or 0.5 % of the body's radius, whichever is largest.
+    With the implicit integrator, if it is known.
     """
     scene = evidence.scene
     losses = [body.model.extent_loss for body in scene.bodies]
@@ -389,6 +417,8 @@ def extent_loss(evidence):
         return None
     stds = np.maximum(EXTENT_LOSS, _EXTENT_SHARE * scene.world.bodies.radius)
     positions = pose_spreads(evidence.snapshot.belief.blocks)[:, 0]
+    if evidence.spreads is not None:
+        positions = np.fmax(positions, evidence.spreads[:, 0])
     stds[scene.moving] = np.maximum(positions, stds[scene.moving])
     values = np.array([0.0 if loss is None else loss for loss in losses]) / stds
     return np.ma.masked_array(values, [loss is None for loss in losses])
@@ -569,19 +599,21 @@ def unevenness(evidence):
     in_contact=True,
 )
 def outcomes(evidence):
-    """Number of separate outcomes of the rollouts (`PredictedBody.modes`) with a share of at least 5 %. Of
-    methods without rollouts: of those that the spread was compared with.
+    """Number of separate outcomes of the rollouts (`PredictedBody.modes`) with a share of at least 5 %; 1
+    where the mean pose is within a standard deviation of an outcome's mean in each coordinate. Of methods
+    without rollouts: of those that the spread was compared with.
     """
     snapshot, scene, compared = evidence.snapshot, evidence.scene, evidence.compared
     if snapshot.rollout_states is None and compared is None:
         return None
     found = np.ones(len(scene.bodies))
     for k in np.flatnonzero(evidence.touches):
-        if snapshot.rollout_states is not None:
-            modes = snapshot.modes(scene, k)
-        else:
-            modes = split(compared[:, k], scene.bodies[k].model.bounding_radius)
-        found[k] = sum(mode.weight >= _LEAST_SHARE for mode in modes)
+        radius, mean = scene.bodies[k].model.bounding_radius, snapshot.belief.mean[k]
+        modes = (
+            snapshot.modes(scene, k) if snapshot.rollout_states is not None else split(compared[:, k], radius)
+        )
+        if not any(contains(mode, mean, radius) for mode in modes):
+            found[k] = sum(mode.weight >= _LEAST_SHARE for mode in modes)
     return found
 
 
@@ -591,12 +623,13 @@ def outcomes(evidence):
     "the mean pose lies {detail} inside another body or the environment; read samples or modes",
     detail=_mean_depth,
     in_contact=True,
+    error=lambda own: own.get("mean_pose_error", 0.0),
 )
 def mean_penetration(evidence):
     """With the implicit integrator: depth of the deepest overlap of the mean pose, over the largest standard
-    deviation of the position along any axis, limited to 0.2 to 2 mm. Overlap that is kept from the start, as
-    deep as that of one in twenty rollouts, or as deep as a standard error of the mean pose does not count.
-    Contacts of the explicit integrator are soft, so that bodies may overlap.
+    deviation of the position along any axis, limited to 0.2 to 2 mm. Overlap that is kept from the start, or
+    as deep as that of one in twenty rollouts, does not count. It raises the flag where it exceeds the limit
+    by two ``mean_pose_error``. Contacts of the explicit integrator are soft, so that bodies may overlap.
     """
     scene, start, belief = evidence.scene, evidence.start, evidence.snapshot.belief
     # the mean of a nominal method is a rollout's own pose
@@ -604,16 +637,29 @@ def mean_penetration(evidence):
         return None
     depths, _ = overlaps(scene, belief.mean[None])
     kept = start.overlap if start.found is None else np.maximum(start.overlap, start.found.kept.max(axis=0))
-    std = np.zeros(len(scene.bodies))
-    P = belief.blocks[:, ERR_POSITION, ERR_POSITION]
-    std[scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(P)[:, -1], 0.0))
-    scale, depth = np.clip(std, *_MEAN_DEPTHS), depths[0] - kept
-    if (depth > scale).any():
-        if evidence.states is not None:
-            own, _ = overlaps(scene, np.ascontiguousarray(evidence.states[:_LOOKED_AT]))
-            depth = depth - np.quantile(own, _USUAL, axis=0)
-        depth = depth - mean_pose_errors(evidence)
+    scale, depth = _depth_scales(evidence), depths[0] - kept
+    if (depth > scale).any() and evidence.states is not None:
+        own, _ = overlaps(scene, np.ascontiguousarray(evidence.states[:_LOOKED_AT]))
+        depth = depth - np.quantile(own, _USUAL, axis=0)
     return np.maximum(depth, 0.0) / scale
+
+
+@_measure(Status.MEAN_NOT_POSSIBLE, math.inf, "the mean pose rests on too few rollouts", in_contact=True)
+def mean_pose_error(evidence):
+    """Standard error of the mean pose, over the same standard deviation as ``mean_penetration``. It raises no
+    flag.
+    """
+    if not isinstance(evidence.propagator, Samples) or evidence.scene.integrator == "explicit":
+        return None
+    return mean_pose_errors(evidence) / _depth_scales(evidence)
+
+
+def _depth_scales(evidence):
+    """(B,): depths of a mean pose that count [m]."""
+    std, belief = np.zeros(len(evidence.scene.bodies)), evidence.snapshot.belief
+    P = belief.blocks[:, ERR_POSITION, ERR_POSITION]
+    std[evidence.scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(P)[:, -1], 0.0))
+    return np.clip(std, *_MEAN_DEPTHS)
 
 
 def mean_pose_errors(evidence):

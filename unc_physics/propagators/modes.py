@@ -15,10 +15,12 @@ _MOST = 5  # modes
 _ROUNDS = 20  # of k-means
 _CONSTANT = 1e-6  # spread of a constant
 _SMALL = 0.01  # spread of an ignored coordinate [body radii, rad]
-#: Least gap between two modes: the distance over the sum of their standard deviations along it; and an
-#: allowance for few rollouts, over the root of their number. Halves of a uniform distribution have 1.7, of a
-#: normal distribution 1.3.
-_APART, _BY_CHANCE = 2.2, 5.0
+#: Least gap between two modes: the distance over the sum of their standard deviations along it. Halves of a
+#: uniform distribution have 1.7, of a normal distribution 1.3.
+_APART = 2.2
+#: Allowances for few rollouts, over the root of their number and, below a hundred, over their number: a dozen
+#: of a normal distribution in six coordinates have up to 6.0.
+_BY_CHANCE, _BY_CHANCE_OF_FEW = 5.0, 50.0
 _FEWEST, _LEAST = 3, 0.05  # rollouts in a mode, and its share of the part that it is split from
 #: Gap in any coordinate below which two modes of many rollouts are joined; the parts of an oblique cut have
 #: 1.27.
@@ -85,6 +87,20 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
         modes.pop(other)
         modes[one] = _mode_of(states, parts[one])
     return tuple(sorted(modes, key=lambda mode: -mode.weight))
+
+
+def contains(mode: Mode, mean: np.ndarray, radius: float) -> bool:
+    """Return whether a mean state (13,) is a standard deviation of a mode from its mean, at most, in each
+    coordinate of the pose.
+
+    Standard deviations are at least the spread that `split` ignores, for a body of that radius [m].
+    """
+    errors = np.empty(ERROR)
+    boxminus(np.ascontiguousarray(mean), np.ascontiguousarray(mode.mean), errors)
+    stds = np.sqrt(np.maximum(mode.covariance.diagonal(), 0.0))
+    within = np.abs(errors) <= np.maximum(stds, _SMALL)
+    within[ERR_POSITION] = np.abs(errors[ERR_POSITION]) <= np.maximum(stds[ERR_POSITION], _SMALL * radius)
+    return bool(within[ERR_POSITION].all() and within[ERR_ROTATION].all())
 
 
 def _mode_of(states, part):
@@ -178,7 +194,7 @@ def _second_part(x):
     order = np.argsort(along, axis=0, kind="stable")
     gaps, counts = _widest_gaps(np.take_along_axis(along, order, axis=0), math.ceil(_LEAST * len(x)))
     best = int(gaps.argmax())
-    if gaps[best] <= _APART + _BY_CHANCE / math.sqrt(len(x)):
+    if gaps[best] <= _APART + max(_BY_CHANCE / math.sqrt(len(x)), _BY_CHANCE_OF_FEW / len(x)):
         return whole
     found = np.zeros(len(x), bool)
     found[order[counts[best] :, best]] = True

@@ -64,24 +64,24 @@ def run(job: Job) -> Outcome:
     scene, belief, horizon = scene_at_random(job.parameters["scene"])
     own = make_propagator(MONTE_CARLO, samples=job.parameters["truth"], seed=job.seed("truth"))
     truth = predict(scene, belief, own, horizon)
-    confirmed = [reasons(status) for status in assess(truth)]
+    confirmed = [reasons(status, surely=False) for status in assess(truth)]
     rows = []
     for name in METHODS:
         rows += method_rows(job, name, truth, confirmed)
     return Outcome(rows)
 
 
-def reasons(status: BodyStatus) -> set[str]:
+def reasons(status: BodyStatus, *, surely: bool = True) -> set[str]:
     """Names of the measures that raise flags of a body."""
-    return {name for name in raised(status.measures) if RULES[name].flag not in IGNORED}
+    return {name for name in raised(status.measures, surely=surely) if RULES[name].flag not in IGNORED}
 
 
 def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
     """Rows of one method; none where it does not take the scene.
 
-    A flag is confirmed where the same measure of the truth raises it. Of those that say that no mean stands
-    for the outcomes (`SHAPE`), any one of the truth's confirms any. That a goal is missed is confirmed where
-    the truth's outcomes vary so much (`misses_goal`).
+    A flag is confirmed where the same measure of the truth is above its limit, surely or not. Of those that
+    say that no mean stands for the outcomes (`SHAPE`), any one of the truth's confirms any. That a goal is
+    missed is confirmed where the truth's outcomes vary so much (`misses_goal`).
     """
     scene, belief, horizon = scene_at_random(job.parameters["scene"])
     of, options = METHODS[name]
