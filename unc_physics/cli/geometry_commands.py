@@ -54,8 +54,8 @@ def add_pack_command(commands) -> None:
         "--repair",
         action="store_true",
         help=(
-            "try trimesh's repairs on a mesh that is open or has inverted faces, unite parts that overlap, and"
-            " report what changed"
+            "try trimesh's repairs on a mesh that is open or has inverted faces, unite parts that overlap,"
+            " and report what changed"
         ),
     )
     parser.add_argument(

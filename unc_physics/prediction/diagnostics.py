@@ -124,7 +124,7 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
     """Return the status that the measures of a body, by its index, make."""
     scene, flags, reasons, keys = evidence.scene, Status.FINE, [], raised(measures)
     for key in keys:
-        value, rule, limit = measures[key], RULES[key], _sure_limit(key, measures)
+        value, rule = measures[key], RULES[key]
         flags |= rule.flag
         words = rule.words.format(
             dt=scene.dt,
@@ -134,7 +134,7 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
             detail="" if rule.detail is None else rule.detail(evidence, body),
         )
         unit = rule.unit and f" {rule.unit}"
-        reasons.append(f"{words} ({key} {value:.3g}{unit} above {limit:.3g}{unit})")
+        reasons.append(f"{words} ({key} {value:.3g}{unit} above {rule.limit:.3g}{unit})")
     spheres = None if extent_loss.__name__ in keys else few_spheres(scene, body)
     notes = () if spheres is None else (spheres,)
     return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons), notes)
