@@ -144,7 +144,9 @@ def _spreads_apart(evidence, body):
     """The quantity whose spread differs most from that of rollouts, and both spreads."""
     place = int(np.searchsorted(evidence.scene.moving, body))
     own, other = pose_spreads(evidence.snapshot.belief.blocks)[place], evidence.spreads[place]
-    k = int(np.argmax(spread_factors(evidence)[body]))
+    factors = spread_factors(evidence)
+    assert factors is not None  # the rule had a value
+    k = int(np.argmax(factors[body]))
     unit, floor = _UNITS[k], spread_floors(evidence.start, body)[k]
     less = f" (less than {floor:.3g} {unit} counts as this much)" if min(own[k], other[k]) < floor else ""
     return f"{_QUANTITIES[k]} by {own[k]:.3g} {unit} here and by {other[k]:.3g} {unit} there{less}"
