@@ -59,21 +59,19 @@ class Settings:
     """
 
     models_dir: str = parameter(
-        "", "Folder of the models; empty takes the library that comes with the package.", read_only=True
+        "", "Folder of the models; empty: the library of this package.", read_only=True
     )
     allow_model_paths: bool = parameter(
         False,
         "Whether ~/load_model takes files, and objects may name model files by their path.",
         read_only=True,
     )
-    world_frame: str = parameter(
-        "world", "Frame that predictions are made in; gravity is given in it.", read_only=True
-    )
+    world_frame: str = parameter("world", "Frame of predictions and of gravity.", read_only=True)
 
     environment: str = parameter(
         "",
-        "File whose key 'environment', as in scene files, lists what surrounds the objects of scenes without"
-        " elements of their own; empty: none.",
+        "File with the key 'environment', as in scene files: the surroundings of scenes without elements;"
+        " empty: none.",
         read_only=True,
     )
     planning_scene_topic: str = parameter(
@@ -85,7 +83,7 @@ class Settings:
 
     transform_timeout: float = parameter(
         0.2,
-        "How long a scene waits for a transform that is not known yet [s]; it holds up no other.",
+        "Longest time that a scene waits for a missing transform [s]; other scenes do not wait for it.",
         low=0.0,
         high=60.0,
     )
@@ -110,7 +108,7 @@ class Settings:
     sleep: bool = physics_key("sleep", True)
     overlap: str = parameter(
         _AUTO_OVERLAP,
-        "What becomes of the share of a belief in which objects overlap at the start: moved to the nearest"
+        "Rule for the part of a belief in which objects overlap at the start: moved to the nearest"
         f" poses without overlap ('project'), left out ('reject', by {_REJECTING} alone), or left in"
         " ('keep'); 'auto': 'project' with 'implicit', and 'keep' with 'explicit', which has no other.",
         choices=(_AUTO_OVERLAP, *OVERLAPS),
@@ -118,17 +116,17 @@ class Settings:
     islands: bool = physics_key("islands", True)
     warm_up: tuple[str, ...] = parameter(
         (ANYTIME, REFERENCE),
-        "Propagators whose kernels are compiled, or loaded, before the node "
-        "is ready; others' are when they are first asked for. Those of other packages that do not run "
-        "on the integrator are left out.",
+        "Propagators whose kernels are compiled, or loaded, before the node is ready; kernels of other"
+        " propagators are compiled at their first request. Propagators of other packages that do not support"
+        " the integrator are left out.",
         choices=tuple(PROPAGATORS),
         read_only=True,
     )
 
     zero_covariance: str = parameter(
         "default",
-        "What a pose or twist covariance of zeros means: unknown, so that the default takes its place "
-        "('default'), or exactly known ('exact').",
+        "Meaning of a pose or twist covariance of zeros: unknown, so that the default replaces it"
+        " ('default'), or exactly known ('exact').",
         choices=("default", "exact"),
     )
     default_position_std: float = parameter(
@@ -272,12 +270,15 @@ class Settings:
         ("",), "Models that look the same at every angle about an axis.", read_only=True
     )
     symmetry_axes: tuple[str, ...] = parameter(
-        ("",), "This axis of each of them, of the model's coordinates.", choices=AXES, read_only=True
+        ("",),
+        "Axis of symmetry of each of these models, in the model's coordinates.",
+        choices=AXES,
+        read_only=True,
     )
     association: str = parameter(
         "id",
-        "How an observation finds its object: by the id, and by distance without one ('id'), or always by"
-        " distance among objects of its model ('distance'), which needs SciPy.",
+        "Rule that assigns observations to objects: by id, and by distance if there is no id ('id'); or"
+        " always by distance to objects of the same model ('distance'), which needs SciPy.",
         choices=("id", "distance"),
     )
     association_distance: float = parameter(
@@ -288,12 +289,12 @@ class Settings:
     )
     forget_after: float = parameter(
         30.0,
-        "How long an object stays known without accepted observations [s]; 0: for ever.",
+        "Time without accepted observations after which an object is forgotten [s]; 0: never.",
         low=0.0,
         high=1e6,
     )
     tracking_window: float = parameter(
-        0.5, "How late observations may arrive [s].", low=1e-3, high=60.0, read_only=True
+        0.5, "Largest delay of an observation [s].", low=1e-3, high=60.0, read_only=True
     )
     tracking_members: int = parameter(
         64, "Number of rollouts of the tracker.", low=8, high=10_000, read_only=True
@@ -315,20 +316,23 @@ class Settings:
 
     service_introspection: str = parameter(
         "metadata",
-        "What services publish on ~/SERVICE/_service_event of each call: nothing ('disabled'), who called "
-        "and when ('metadata'), or requests and answers, too ('contents').",
+        "Content of ~/SERVICE/_service_event for each call: nothing ('disabled'), who called and when"
+        " ('metadata'), or also requests and answers ('contents').",
         choices=("disabled", "metadata", "contents"),
         read_only=True,
     )
 
     markers: tuple[str, ...] = parameter(
         ("predicted", "environment"),
-        "What ~/markers and ~/stream_markers show of each object, and whether they show the environment.",
+        "Content of ~/markers and ~/stream_markers for each object, and whether they show the environment.",
         choices=("predicted", "initial", "ellipsoid", "rotation", "environment"),
     )
     marker_cells: int = parameter(12, "Cells along the longest side of a drawn shape.", low=2, high=40)
     marker_lifetime: float = parameter(
-        10.0, "How long markers are shown [s]; 0: until others take their place.", low=0.0, high=1e6
+        10.0,
+        "Duration for which markers are shown [s]; 0: until other markers replace them.",
+        low=0.0,
+        high=1e6,
     )
 
     def __post_init__(self):
