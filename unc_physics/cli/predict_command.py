@@ -43,7 +43,7 @@ def add_predict_command(commands) -> None:
         "--option",
         action="append",
         default=[],
-        type=_key_and_value,
+        type=key_and_value,
         metavar="KEY=VALUE",
         help="option of the propagator; the command 'propagators' lists them; may be repeated",
     )
@@ -89,7 +89,8 @@ def add_predict_command(commands) -> None:
     parser.set_defaults(run=run)
 
 
-def _key_and_value(text):
+def key_and_value(text: str) -> tuple[str, str]:
+    """Return key and value of an argument ``KEY=VALUE``."""
     key, separator, value = text.partition("=")
     if not separator or not key:
         raise argparse.ArgumentTypeError(f"'{text}' is not of the form KEY=VALUE")
@@ -98,17 +99,43 @@ def _key_and_value(text):
 
 def run(arguments) -> int:
     """Predict and print the result."""
-    from ..checks.errors import InvalidHorizonError, InvalidOptionError
-    from ..checks.validation import integer, number_from_text
-    from ..plots.scene_animation import draw_animation
-    from ..plots.scene_picture import draw_prediction
+    from ..checks.errors import InvalidHorizonError
+    from ..checks.validation import number_from_text
     from ..prediction.diagnosis import ROLLOUTS
-    from ..prediction.event_entries import event_from_text
-    from ..prediction.events import AtRest, encounters, moving_names
     from ..prediction.status import assess, compared_rollouts
-    from ..prediction.tables import as_dict, as_table
-    from ..propagators.registry import PROPAGATORS, names_where, propagator_from_texts
     from ..scene.scene_file import load_scene
+
+    _check_outputs(arguments)
+    rollouts = ROLLOUTS
+    if arguments.status_rollouts is not None:
+        rollouts = compared_rollouts(arguments.status_rollouts, "--status-rollouts")
+    propagator = _propagator(arguments)
+    scene, belief, horizon = load_scene(arguments.scene, arguments.models)
+    if arguments.horizon is not None:
+        horizon = number_from_text(arguments.horizon, "horizon", InvalidHorizonError)
+    events = _events(arguments, scene)
+    prediction = _predict_with_progress(arguments, scene, belief, propagator, horizon, events)
+    _note_what_is_left_out(arguments, propagator, horizon)
+    if prediction.left_out:
+        note(
+            f"{propagator.name} leaves out {', '.join(prediction.left_out)}; the status says if the spread is"
+            " too small for that"
+        )
+    found = _probabilities(prediction, events)
+    statuses = assess(prediction, rollouts=rollouts)
+    for status in statuses:
+        for text in status.notes:
+            note(f"{printable(status.body)} {text}")
+    _print(arguments, prediction, statuses, found)
+    if arguments.picture is not None:
+        _draw(arguments, prediction, [event for event, *_ in found])
+    return 0
+
+
+def _check_outputs(arguments):
+    """Raise an error for output options that cannot be fulfilled."""
+    from ..checks.errors import InvalidOptionError
+    from ..checks.validation import integer
 
     if arguments.picture is not None:
         check_picture(arguments.picture)
@@ -118,9 +145,13 @@ def run(arguments) -> int:
             raise InvalidOptionError(
                 "needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out
             )
-    rollouts = ROLLOUTS
-    if arguments.status_rollouts is not None:
-        rollouts = compared_rollouts(arguments.status_rollouts, "--status-rollouts")
+
+
+def _propagator(arguments):
+    """Return the propagator with its options."""
+    from ..checks.errors import InvalidOptionError
+    from ..propagators.registry import PROPAGATORS, names_where, propagator_from_texts
+
     propagator = propagator_from_texts(
         arguments.propagator, _options(arguments.option), arguments.samples, arguments.seed
     )
@@ -131,53 +162,53 @@ def run(arguments) -> int:
             field="--samples",
             value=arguments.samples,
         )
-    scene, belief, horizon = load_scene(arguments.scene, arguments.models)
-    if arguments.horizon is not None:
-        horizon = number_from_text(arguments.horizon, "horizon", InvalidHorizonError)
-    period = arguments.period
-    if period is not None:
-        period = number_from_text(period, "period", InvalidHorizonError)
+    return propagator
+
+
+def _events(arguments, scene):
+    """Return the events whose probabilities are reported."""
+    from ..prediction.event_entries import event_from_text
+    from ..prediction.events import AtRest, encounters, moving_names
+
     events = [event_from_text(text, "--event") for text in arguments.event]
     for event in events:
         event.check(scene, "--event")
     if arguments.probabilities:
         events += [*encounters(scene), *(AtRest(name) for name in moving_names(scene))]
-    prediction = _predict_with_progress(
-        scene, belief, propagator, horizon, period, arguments.time_limit, events
-    )
-    _note_what_is_left_out(arguments, propagator, horizon)
-    if prediction.left_out:
-        note(
-            f"{propagator.name} leaves out {', '.join(prediction.left_out)}; the status says if the spread is"
-            " too small for that"
-        )
-    seed = prediction.seed if prediction.seed is not None else arguments.seed
-    found = _probabilities(prediction, events)
-    statuses = assess(prediction, rollouts=rollouts)
-    for status in statuses:
-        for text in status.notes:
-            note(f"{printable(status.body)} {text}")
+    return events
+
+
+def _print(arguments, prediction, statuses, found):
+    """Print the prediction with statuses and probabilities, as tables or as JSON."""
+    from ..prediction.tables import as_dict, as_table
+
     if arguments.json:
+        seed = prediction.seed if prediction.seed is not None else arguments.seed
         result = as_dict(prediction, seed, _samples(prediction, arguments.samples_out))
         result["statuses"] = _statuses(statuses)
-        if events:
+        if found:
             result["probabilities"] = _probabilities_as_dicts(found)
         print(json.dumps(result, allow_nan=False))
-    else:
-        print(as_table(prediction))
-        print(statuses_as_text(statuses))
-        if modes := modes_as_text(prediction, statuses):
-            print(modes)
-        if events:
-            print(probabilities_as_table(found))
-    if arguments.picture is not None:
-        title = Path(arguments.scene).stem.replace("_", " ")
-        with writing(Path(arguments.picture), "--picture"):
-            if Path(arguments.picture).suffix == ".gif":
-                draw_animation(arguments.picture, prediction, title, [event for event, *_ in found])
-            else:
-                draw_prediction(prediction, title).savefig(arguments.picture, dpi=110, bbox_inches="tight")
-    return 0
+        return
+    print(as_table(prediction))
+    print(statuses_as_text(statuses))
+    if modes := modes_as_text(prediction, statuses):
+        print(modes)
+    if found:
+        print(probabilities_as_table(found))
+
+
+def _draw(arguments, prediction, events):
+    """Draw a picture, or an animation with the probabilities of events."""
+    from ..plots.scene_animation import draw_animation
+    from ..plots.scene_picture import draw_prediction
+
+    title = Path(arguments.scene).stem.replace("_", " ")
+    with writing(Path(arguments.picture), "--picture"):
+        if Path(arguments.picture).suffix == ".gif":
+            draw_animation(arguments.picture, prediction, title, events)
+        else:
+            draw_prediction(prediction, title).savefig(arguments.picture, dpi=110, bbox_inches="tight")
 
 
 def _options(pairs):
@@ -330,16 +361,19 @@ def _note_what_is_left_out(arguments, propagator, horizon):
         )
 
 
-def _predict_with_progress(scene, belief, propagator, horizon, period, time_limit, events):
+def _predict_with_progress(arguments, scene, belief, propagator, horizon, events):
     """Predict with a progress display."""
-    from ..checks.errors import PredictionTimeoutError
+    from ..checks.errors import InvalidHorizonError, PredictionTimeoutError
     from ..checks.validation import number_from_text, positive
     from ..prediction.predict import predict
     from ..prediction.request_checks import periodic_times
 
-    if time_limit is not None:
-        time_limit = positive(number_from_text(time_limit, "--time-limit"), "--time-limit")
-    times = None if period is None else periodic_times(scene, period, horizon)
+    times = time_limit = None
+    if arguments.time_limit is not None:
+        time_limit = positive(number_from_text(arguments.time_limit, "--time-limit"), "--time-limit")
+    if arguments.period is not None:
+        period = number_from_text(arguments.period, "period", InvalidHorizonError)
+        times = periodic_times(scene, period, horizon)
     with told_progress(propagator.name, "step", f"a horizon of {horizon} s") as show:
         try:
             return predict(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..propagators.names import DEFAULT, entries
 from .output import check_output, writing
-from .predict_command import _key_and_value
+from .predict_command import key_and_value
 
 _HORIZON = 1.0  # s, if neither file nor command sets it
 
@@ -32,7 +32,7 @@ def add_view_command(commands) -> None:
         "--option",
         action="append",
         default=[],
-        type=_key_and_value,
+        type=key_and_value,
         metavar="KEY=VALUE",
         help="option of that propagator; may be repeated",
     )
@@ -47,7 +47,7 @@ def add_view_command(commands) -> None:
         "--mesh",
         action="append",
         default=[],
-        type=_key_and_value,
+        type=key_and_value,
         metavar="BODY=FILE",
         help="draw a body as the mesh that its model was packed from; may be repeated",
     )

@@ -71,8 +71,8 @@ _ORIGIN, _UNTURNED = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 ELEMENTS: dict[str, type[Element]] = {}
 
 
-class _Placed:
-    """Fields or properties of every element."""
+class ElementAttributes:
+    """Attributes that every element has, as a field or as a property."""
 
     name: str
     position: np.ndarray
@@ -81,7 +81,7 @@ class _Placed:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Element(_Placed, Surface):
+class Element(ElementAttributes, Surface):
     """Base class of all elements of the environment.
 
     Fields annotated with a `Quantity` are checked on construction and are keys of scene files.

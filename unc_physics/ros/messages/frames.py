@@ -13,10 +13,10 @@ from rclpy.time import Time
 
 from unc_physics_msgs.msg import Environment, Scene
 
-from ...checks.errors import UnknownFrameError
+from ...checks.errors import UncPhysicsError, UnknownFrameError
 from ...checks.validation import array, quaternion
 from ...spatial.rotation import rotation_matrix
-from .fields import packed, xyz, xyzw
+from .fields import packed, pose_message, xyz, xyzw
 from .scene import UNKNOWN
 
 
@@ -118,6 +118,32 @@ class Transform(NamedTuple):
     translation: np.ndarray
     q: tuple[float, float, float, float]
 
+    @classmethod
+    def from_pose(cls, pose, field: str) -> Transform:
+        """Return the transform of a Pose message; a zero quaternion means no rotation, as in MoveIt.
+
+        Raises
+        ------
+        InvalidOrientationError, NotFiniteError
+            They name parts of ``field``.
+        """
+        q = xyzw(pose.orientation)
+        try:
+            q = quaternion(q if any(q) else (0.0, 0.0, 0.0, 1.0), "orientation")
+            position = array(xyz(pose.position), (3,), "position")
+        except UncPhysicsError as error:
+            raise type(error)(error.problem, field=f"{field}.{error.field}", value=error.value) from None
+        return cls(rotation_matrix(np.array(q)), position, tuple(q))
+
+    def pose(self):
+        """Return the Pose message of the first frame in the second one."""
+        return pose_message(self.translation, self.q)
+
+    def compose(self, other: Transform) -> Transform:
+        """Return the transform that applies ``other`` first and this one second."""
+        translation = self.R @ other.translation + self.translation
+        return Transform(self.R @ other.R, translation, _product(self.q, other.q))
+
     def scene(self, message):
         """Return a Scene in the other frame; its header and the shared pose error do not change."""
         return Scene(
@@ -156,7 +182,7 @@ class Transform(NamedTuple):
             for place in point.transforms:
                 _rotate(place.translation, self.R, self.translation)
                 q = place.rotation
-                q.x, q.y, q.z, q.w = _product(self.q, q)
+                q.x, q.y, q.z, q.w = _product(self.q, xyzw(q))
             for twist in point.velocities:
                 _rotate(twist.linear, self.R)
                 _rotate(twist.angular, self.R)
@@ -198,7 +224,7 @@ class Transform(NamedTuple):
     def _move(self, pose):
         _rotate(pose.position, self.R, self.translation)
         q = pose.orientation
-        q.x, q.y, q.z, q.w = _product(self.q, q)
+        q.x, q.y, q.z, q.w = _product(self.q, xyzw(q))
 
 
 def _rotate(vector, R, translation=(0.0, 0.0, 0.0)):
@@ -207,11 +233,12 @@ def _rotate(vector, R, translation=(0.0, 0.0, 0.0)):
 
 
 def _product(a, b):
-    """Return the Hamilton product of a quaternion (x, y, z, w) and a quaternion message."""
+    """Return the Hamilton product of two quaternions (x, y, z, w)."""
     ax, ay, az, aw = a
+    bx, by, bz, bw = b
     return (
-        aw * b.x + ax * b.w + ay * b.z - az * b.y,
-        aw * b.y - ax * b.z + ay * b.w + az * b.x,
-        aw * b.z + ax * b.y - ay * b.x + az * b.w,
-        aw * b.w - ax * b.x - ay * b.y - az * b.z,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
     )

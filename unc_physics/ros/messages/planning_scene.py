@@ -23,19 +23,18 @@ from ...checks.errors import (
     UncPhysicsError,
     UnknownFrameError,
 )
-from ...checks.validation import array, positive, quaternion
+from ...checks.validation import positive
 from ...geometry.library import load_model
 from ...spatial.rotation import rotation_matrix
 from .environment import read_dimensions
-from .fields import packed, pose_message, xyz, xyzw
+from .fields import packed, xyz
+from .frames import Transform
 
 # operations of collision objects; a byte is an int or bytes, depending on the ROS version
 _ADD, _REMOVE, _APPEND, _MOVE = (0, b"\x00"), (1, b"\x01"), (2, b"\x02"), (3, b"\x03")
 #: Names of an object's shapes: of its fields of poses, and of the shapes themselves.
 _SHAPES = ("primitive", "primitives"), ("mesh", "meshes"), ("plane", "planes")
 _LARGEST_BALL, _SMALLEST_BALL = 0.01, 1e-3  # m, radii of balls that stand for links
-#: A pose: rotation (3, 3), translation (3,), and the rotation as a quaternion (x, y, z, w).
-_Placed = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def request_of_planning_scene(
@@ -210,33 +209,35 @@ class _TransformedFrames:
     def __init__(self, transforms, pose_of_frame):
         self._transforms, self._pose_of_frame = transforms, pose_of_frame
 
-    def of(self, header, field) -> _Placed:
+    def of(self, header, field) -> Transform:
         """Return the pose of a header's frame."""
         one = self._transforms.get(header.frame_id)
         if one is None or one.header.frame_id == header.frame_id:
             position, q = self._pose_of_frame(header.frame_id)
-            return rotation_matrix(np.array(q, float)), np.array(position, float), np.array(q, float)
+            return Transform(rotation_matrix(np.array(q, float)), np.array(position, float), tuple(q))
         t = one.transform.translation
         pose = Pose(position=Point(x=t.x, y=t.y, z=t.z), orientation=one.transform.rotation)
-        return _together(self.of(one.header, field), _placed(pose, f"frame '{header.frame_id}'"))
+        return self.of(one.header, field).compose(Transform.from_pose(pose, f"frame '{header.frame_id}'"))
 
 
 class _KnownFrames:
     """Known poses of frames in the planning frame."""
 
     def __init__(self, planning_frame, transforms, poses):
-        self._known: dict[str, _Placed] = {
-            "": _placed(Pose(), "pose"),
-            planning_frame: _placed(Pose(), "pose"),
+        self._known: dict[str, Transform] = {
+            "": Transform.from_pose(Pose(), "pose"),
+            planning_frame: Transform.from_pose(Pose(), "pose"),
         }
         for k, one in enumerate(transforms):
             t, q = one.transform.translation, one.transform.rotation
             pose = Pose(position=Point(x=t.x, y=t.y, z=t.z), orientation=q)
-            self._known[one.child_frame_id] = _placed(pose, f"fixed_frame_transforms[{k}].transform")
+            self._known[one.child_frame_id] = Transform.from_pose(
+                pose, f"fixed_frame_transforms[{k}].transform"
+            )
         for name, pose in poses.items():
-            self._known[name] = _placed(pose, f"frames['{name}']")
+            self._known[name] = Transform.from_pose(pose, f"frames['{name}']")
 
-    def of(self, header, field) -> _Placed:
+    def of(self, header, field) -> Transform:
         """Return the pose of a header's frame."""
         if header.frame_id not in self._known:
             raise UnknownFrameError(
@@ -282,17 +283,15 @@ def _shapes(own, field):
 def _object(own, frames, model, mass, field):
     """Return a moving object, with a model or with its only shape."""
     state = ObjectState(id=own.id, mass=float(mass))
-    place = _together(frames.of(own.header, field), _placed(own.pose, f"{field}.pose"))
+    place = frames.of(own.header, field).compose(Transform.from_pose(own.pose, f"{field}.pose"))
     shapes = _shapes(own, field)
     if model is not None:
         state.model = model
         if len(shapes) == 1:
             ((name, _, pose, where),) = shapes
-            place = _together(place, _placed(pose, where))
+            place = place.compose(Transform.from_pose(pose, where))
             if name == "primitive":
-                place = _together(
-                    place, (np.eye(3), -_middle(load_model(model)), np.array([0.0, 0.0, 0.0, 1.0]))
-                )
+                place = place.compose(Transform(np.eye(3), -_middle(load_model(model)), (0.0, 0.0, 0.0, 1.0)))
     else:
         if len(shapes) != 1 or shapes[0][0] == "plane":
             raise NotSupportedError(
@@ -302,8 +301,8 @@ def _object(own, frames, model, mass, field):
             )
         ((name, shape, pose, where),) = shapes
         setattr(state, name, shape)
-        place = _together(place, _placed(pose, where))
-    state.pose = pose_message(*place[1:])
+        place = place.compose(Transform.from_pose(pose, where))
+    state.pose = place.pose()
     return state
 
 
@@ -317,11 +316,11 @@ def _middle(model):
 def _gap(held, frames, field):
     """Return the distance from a link's origin to the boxes of the shapes that it holds, 0 inside [m]."""
     own, field = held.object, f"{field}.object"
-    link = frames.of(Header(frame_id=held.link_name), field)[1]
-    place = _together(frames.of(own.header, field), _placed(own.pose, f"{field}.pose"))
+    link = frames.of(Header(frame_id=held.link_name), field).translation
+    place = frames.of(own.header, field).compose(Transform.from_pose(own.pose, f"{field}.pose"))
     gaps = []
     for name, shape, pose, where in _shapes(own, field):
-        R, t, _ = _together(place, _placed(pose, where))
+        R, t, _ = place.compose(Transform.from_pose(pose, where))
         if name == "mesh":
             corners = np.array([xyz(vertex) for vertex in shape.vertices]).reshape(-1, 3)
             low, high = corners.min(axis=0), corners.max(axis=0)
@@ -357,37 +356,18 @@ def _link(name, radius, shape, frames):
             )
         shape = SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=packed([radius]))
     state = ObjectState(id=name, kind=ObjectState.FIXED, primitive=shape)
-    state.pose = pose_message(*frames.of(Header(frame_id=name), f"link '{name}'")[1:])
+    state.pose = frames.of(Header(frame_id=name), f"link '{name}'").pose()
     return state
 
 
 def _elements(own, frames, field):
     """Return the elements of an obstacle, one for each of its shapes."""
     shapes = _shapes(own, field)
-    place = _together(frames.of(own.header, field), _placed(own.pose, f"{field}.pose"))
+    place = frames.of(own.header, field).compose(Transform.from_pose(own.pose, f"{field}.pose"))
     elements = []
     for k, (name, shape, pose, where) in enumerate(shapes):
         element = EnvironmentElement(id=own.id if len(shapes) == 1 else f"{own.id}/{k}")
         setattr(element, name, shape)
-        element.pose = pose_message(*_together(place, _placed(pose, where))[1:])
+        element.pose = place.compose(Transform.from_pose(pose, where)).pose()
         elements.append(element)
     return elements
-
-
-def _placed(pose, field) -> _Placed:
-    """Return a pose from its message; a zero quaternion means no rotation, as in MoveIt."""
-    q = xyzw(pose.orientation)
-    try:
-        q = quaternion(q if any(q) else (0.0, 0.0, 0.0, 1.0), "orientation")
-        position = array(xyz(pose.position), (3,), "position")
-    except UncPhysicsError as error:
-        raise type(error)(error.problem, field=f"{field}.{error.field}", value=error.value) from None
-    return rotation_matrix(np.array(q)), position, np.array(q)
-
-
-def _together(one: _Placed, other: _Placed) -> _Placed:
-    """Return a pose given in the frame of another pose."""
-    R, t, a = one
-    b = other[2]
-    xyz_part = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
-    return R @ other[0], R @ other[1] + t, np.array([*xyz_part, a[3] * b[3] - a[:3] @ b[:3]])
