@@ -1,7 +1,7 @@
-"""The constant-velocity filter beside each body, and the switch between it and physics.
+"""The constant-velocity filter of each body, and the switch between it and physics.
 
-Physics cannot explain a hand. A filter that assumes nothing but a velocity can, less exactly. Both predict
-each measurement. A cumulative sum of the ratio of their densities decides (Page 1954).
+Physics cannot explain the motion of a hand. A constant-velocity filter can, less accurately. Both predict
+each measurement. A cumulative sum of the ratio of their densities decides between them (Page 1954).
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from .symmetry import NONE, Symmetry, folded
 
 #: Intensities of the white acceleration [m^2/s^3], [rad^2/s^3], fitted to tosses in flight and contact.
 ACCELERATION, ANGULAR_ACCELERATION = 3.0, 600.0
-#: Standard deviations of velocities that are known well enough for physics [m/s], [rad/s].
+#: Largest standard deviations of velocities that suffice for physics [m/s], [rad/s].
 KNOWN_VELOCITY, KNOWN_SPIN = 0.5, 8.0
-#: Of velocities that nothing is known of [m/s], [rad/s].
+#: Standard deviations of unknown velocities [m/s], [rad/s].
 UNKNOWN_VELOCITY, UNKNOWN_SPIN = 2.0, 15.0
-#: Evidence, a logarithm of densities, at which a body counts as carried, and as free again.
+#: Evidence (logarithm of a ratio of densities) at which a body counts as carried, and as free again.
 CARRIED_AT, FREE_AT = 25.0, 30.0
-#: Least logarithm of a density of six dimensions: no single measurement decides.
+#: Least logarithm of a density of six dimensions, so that no single measurement decides.
 _FLOOR = -7.0
-#: After how long without measurements a body is coasting [s].
+#: Time without measurements after which a body is coasting [s].
 COASTING_AFTER = 0.25
-#: Measurements that agree with each other after all others rejected them: the body has been moved.
+#: Number of rejected measurements that agree with each other, after which the track starts again.
 _AGREEING = 3
 
 
@@ -92,7 +92,7 @@ class Filter(NamedTuple):
         return found._replace(covariance=symmetry.without_angle(found.covariance)), innovation
 
     def knows_velocities(self, symmetry: Symmetry) -> bool:
-        """Return whether physics can begin with its velocities, as far as poses tell them."""
+        """Return whether its velocities, as far as poses determine them, suffice for physics."""
         seen = symmetry.seen_spin(self.mean[QUATERNION])
         spin = seen @ self.covariance[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] @ seen
         variance = self.covariance.diagonal()[ERR_VELOCITY]
@@ -108,15 +108,16 @@ class Track(NamedTuple):
     free : Filter
         The constant-velocity filter.
     evidence : float
-        Against the present mode. While a body is carried, the members that it could be free begin anew
-        whenever there is none.
+        Against the present mode. Whenever it is 0 while a body is carried, the members, which assume that the
+        body is free, are drawn again.
     last_seen : float
-        Time of the last measurement that was accepted [s]; -inf before.
+        Time of the last accepted measurement [s]; -inf before.
     rejected : int
         Measurements in a row that neither physics nor the filter accepted.
     candidate : Filter or None
-        Of measurements that were rejected and agree with each other, and their number.
+        Of rejected measurements that agree with each other.
     agreeing : int
+        Number of these measurements.
     first : Filter or None
         The filter after the first measurement, until velocities are known.
     distance : float
@@ -171,8 +172,8 @@ class Track(NamedTuple):
     def answer(self, time: float) -> Filter:
         """Return the filter's belief at a time [s].
 
-        No hand goes on in a straight line for ever: without measurements the mean of a carried body stops,
-        while the covariance grows as before.
+        Without measurements the mean of a carried body stops after a while, as hands do not move straight on.
+        The covariance grows as before.
         """
         free, stop = self.free.at(time), self.last_seen + COASTING_AFTER
         if self.mode is not TrackMode.CARRIED or time <= stop:
@@ -182,7 +183,7 @@ class Track(NamedTuple):
         return free._replace(mean=mean)
 
     def _weighed(self, physics, alone, rows):
-        """The track whose evidence has grown by two logarithms of densities."""
+        """Return the track with its evidence changed by two logarithms of densities."""
         floor = _FLOOR * rows / 6.0
         gained = max(alone, floor) - max(physics, floor)
         if self.mode is TrackMode.CARRIED:
@@ -195,7 +196,7 @@ class Track(NamedTuple):
         return self._replace(evidence=evidence)
 
     def _after_rejection(self, time, observation, reference, gates, symmetry):
-        """The track after a measurement that nothing explains: three of them that agree begin it anew."""
+        """Return the track after a rejected measurement; three that agree start it again."""
         candidate, agreeing = self.candidate, self.agreeing
         if candidate is not None:
             candidate, found = candidate.at(time).seen(observation, reference, gates.soft, symmetry)
@@ -217,7 +218,7 @@ class Track(NamedTuple):
 
 
 def _begun(free, time, observation, reference):
-    """A filter that begins with a measurement alone; a position leaves the rotation as it was."""
+    """Return a filter that starts with one measurement; a position does not change the rotation."""
     mean, P = free.mean.copy(), np.zeros((12, 12))
     mean[VELOCITY] = mean[ANGULAR_VELOCITY] = 0.0
     P[ERR_VELOCITY, ERR_VELOCITY] = UNKNOWN_VELOCITY**2 * np.eye(3)

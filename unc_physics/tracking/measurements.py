@@ -23,16 +23,16 @@ _LEAST_VARIANCE = 1e-12
 
 
 class Observation(NamedTuple):
-    """A measurement as the kernels take it.
+    """Measurement in the form of the kernels.
 
     Attributes
     ----------
     kind : int
         `POSE`, `POSITION` or `RELATIVE_POSE`.
     value : (7,) array
-        Position and quaternion; of a position the first three count.
+        Position and quaternion; a position uses the first three.
     point : (3,) array
-        The point whose position was measured, body axes [m].
+        The measured point, body axes [m].
     noise : (m, m) array
         Covariance: position along the world's axes (or the reference body's), rotation about the measured
         body's own axes.
@@ -127,7 +127,7 @@ class PositionMeasurement:
         return None
 
     def observation(self, body: RigidBody) -> Observation:
-        """Return the measurement as the kernels take it."""
+        """Return the measurement in the form of the kernels."""
         value = np.concatenate([self.position, [0.0, 0.0, 0.0, 1.0]])
         return Observation(POSITION, value, self.point.copy(), self.covariance.copy())
 
@@ -164,7 +164,7 @@ class RelativePoseMeasurement:
         object.__setattr__(self, "covariance", _checked_covariance(self.covariance, 6))
 
     def observation(self, body: RigidBody) -> Observation:
-        """Return the measurement as the kernels take it."""
+        """Return the measurement in the form of the kernels."""
         return Observation(RELATIVE_POSE, self.pose.copy(), np.zeros(3), self.covariance.copy())
 
 
@@ -180,7 +180,7 @@ def _checked_pose(value):
 
 
 def _checked_covariance(value, size):
-    """(size, size), from a covariance or from standard deviations (size,)."""
+    """Return a covariance (size, size) from a covariance or from standard deviations (size,)."""
     if np.shape(value) == (size,):
         std = array(value, (size,), "covariance", InvalidCovarianceError)
         if std.min() < 0.0:
@@ -201,6 +201,6 @@ def _checked_covariance(value, size):
 
 
 def _regular(P):
-    """The covariance, with the least variances that leave it invertible."""
+    """Return the covariance with variances raised until it is invertible."""
     least = np.repeat(P.diagonal().reshape(-1, 3).max(axis=1), 3)
     return P + np.diag(_LEAST_VARIANCE * least)

@@ -1,4 +1,4 @@
-"""Errors of the model that a tracked body has in contact."""
+"""Model errors of a tracked body in contact."""
 
 from __future__ import annotations
 
@@ -14,35 +14,34 @@ from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 from ..spatial.moments import spread_states
 
-#: Share of its weight's impulse above which a body counts as in contact; where nothing weighs, speed [m/s].
+#: Share of its weight's impulse above which a body counts as in contact; without gravity, speed [m/s].
 _LEAST_SHARE, _LEAST_IMPULSE = 0.05, 1e-6
 _WITHIN = 0.55  # of the bounding radius: about the radius of gyration of compact bodies
 
 
 @dataclass(frozen=True)
 class ContactNoise:
-    """Standard deviations of what the model does not know of contacts; free flight has none.
+    """Standard deviations of model errors in contact; free flight has none.
 
     Attributes
     ----------
     velocity : float
         Of the velocity, for an impulse per mass of 1 m/s [m/s]; it grows with the impulse's root.
     rotation : float
-        Factor of the angular velocity's, which is that of the velocity over 0.55 bounding radii.
+        Factor of the angular velocity, relative to the velocity over 0.55 bounding radii.
     lasting : float
-        Factor of the impulse that carries the weight: lasting contacts err less than impacts.
+        Factor of the impulse that carries the weight: lasting contacts have smaller errors than impacts.
     slow : float
-        Speed of the surface below which a body in contact has less of both, in proportion [m/s]: less
-        would keep it awake.
+        Speed of the surface below which both decrease in proportion [m/s], so that bodies can fall asleep.
     drift, turn : float
         Of the random walk of a sleeping body, across gravity [m/s^0.5], and about it [rad/s^0.5].
     shape_position, shape_rotation : float
-        Of a pose in contact, due to the shapes' errors [m], [rad]; part of every answer.
+        Of a pose in contact, due to errors of shapes [m], [rad]; part of every answer.
 
     Raises
     ------
     InvalidRequestError, NotFiniteError
-        For what is negative or no finite number.
+        For negative values, NaN and infinity.
     """
 
     velocity: float = 0.034
@@ -60,7 +59,7 @@ class ContactNoise:
             object.__setattr__(self, field.name, value)
 
     def shape_variance(self, share: float) -> np.ndarray:
-        """(6,): variances of a pose's error due to shapes, for a share of members in contact."""
+        """Return variances (6,) of a pose's error due to shapes, for a share of members in contact."""
         return share * np.repeat([self.shape_position**2, self.shape_rotation**2], 3)
 
 
@@ -163,7 +162,7 @@ def disturb_contacts(
 
 
 def _turned(q, turn):
-    """Quaternions (..., 4) after rotation vectors (..., 3), world axes."""
+    """Return quaternions (..., 4) after rotation vectors (..., 3), world axes."""
     angle = np.sqrt(np.einsum("...k,...k->...", turn, turn))[..., None]
     axis, w = turn * (0.5 * np.sinc(0.5 * angle / np.pi)), np.cos(0.5 * angle)
     v, s = q[..., :3], q[..., 3:]
@@ -174,7 +173,7 @@ def _turned(q, turn):
 
 
 def whitened_draws(mean: np.ndarray, root: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 1, 13): states of one body whose moments are those given, as exactly as ``count`` allows.
+    """Return states (count, 1, 13) of one body with the given moments, as exactly as ``count`` allows.
 
     Parameters
     ----------
@@ -189,7 +188,7 @@ def whitened_draws(mean: np.ndarray, root: np.ndarray, count: int, rng: np.rando
 
 
 def whitened(z: np.ndarray) -> np.ndarray:
-    """Draws (N, r) with mean zero and, where N > r, unit covariance with weights 1 / (N - 1)."""
+    """Return draws (N, r) with mean zero and, if N > r, unit covariance with weights 1 / (N - 1)."""
     count, size = z.shape
     z = z - z.mean(axis=0)
     if count <= size:

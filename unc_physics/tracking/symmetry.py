@@ -20,7 +20,7 @@ from ..spatial.rotation import rotation_matrix
 from .measurements import Observation
 from .observation import POSITION, RELATIVE_POSE
 
-#: Standard deviation that an orientation about an axis of symmetry is measured with [rad]: it is unknown.
+#: Standard deviation of a measured angle about an axis of symmetry, which is unknown [rad].
 _UNSEEN = 10.0
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
@@ -29,9 +29,9 @@ _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 class AxialSymmetry:
     """Symmetry of a can or a bottle: it looks the same at every angle about an axis.
 
-    No measurement tells the angle about the axis, and a tracker gives it the same value in all members. Its
-    mean and its variance in answers mean nothing: the variance is nearly 0 after a measurement, though the
-    angle is unknown. Put that of an unknown angle, ``pi**2 / 3``, in its place where others read it.
+    No measurement determines the angle about the axis, and a tracker gives it the same value in all members.
+    Its mean and its variance in answers are meaningless: the variance is nearly 0 after a measurement, though
+    the angle is unknown. Replace it by the variance of an unknown angle, ``pi**2 / 3``, for other programs.
 
     Attributes
     ----------
@@ -98,11 +98,10 @@ class Symmetry(NamedTuple):
         return observation._replace(value=value, noise=noise)
 
     def aligned(self, states: np.ndarray, body: int) -> np.ndarray:
-        """Return states (N, B, 13) with a body turned about its axis until it is as near as it can be to the
-        mean; its velocities stay. Without an axis nothing changes.
+        """Return states (N, B, 13) with a body turned about its axis to the angle nearest to the mean.
 
-        Only equivalent states can be told apart by these angles, and no mean of rotations is defined for
-        angles all around.
+        Its velocities do not change. Without an axis nothing changes. The alignment is needed as no mean of
+        rotations is defined for all angles.
         """
         if self.axis is None:
             return states
@@ -116,7 +115,7 @@ class Symmetry(NamedTuple):
         return states
 
     def without_angle(self, covariance: np.ndarray) -> np.ndarray:
-        """Return a covariance (12, 12) in which the angle about the axis is certain: it means nothing."""
+        """Return a covariance (12, 12) without variance of the meaningless angle about the axis."""
         if self.axis is None:
             return covariance
         across = np.eye(12)
@@ -124,14 +123,14 @@ class Symmetry(NamedTuple):
         return across @ covariance @ across
 
     def seen_spin(self, quaternion_: np.ndarray) -> np.ndarray:
-        """(3, 3): the projection of angular velocities, world axes, on what poses tell of them."""
+        """Return the projection (3, 3) of angular velocities, world axes, to those that poses determine."""
         if self.axis is None:
             return np.eye(3)
         axis = rotation_matrix(quaternion_) @ self.axis
         return np.eye(3) - np.outer(axis, axis)
 
 
-#: That of a body that looks different from every side.
+#: Symmetry of a body that looks different from every side.
 NONE = Symmetry(_IDENTITY[None], None)
 
 
@@ -172,7 +171,7 @@ def folded(
 
 
 def _about(axis, turns):
-    """The parts (..., 4) about an axis of rotations (..., 4), which are otherwise about axes across it."""
+    """Return the parts (..., 4) about an axis of rotations (..., 4)."""
     along, w = turns[..., :3] @ axis, turns[..., 3]
     size = np.hypot(along, w)
     along, w = np.where(size > 0.0, along, 0.0), np.where(size > 0.0, w, 1.0)
@@ -189,12 +188,12 @@ def _conjugate(q):
 
 
 def _product(a, b):
-    """Hamilton products of a quaternion (4,) and quaternions (..., 4)."""
+    """Return Hamilton products of a quaternion (4,) and quaternions (..., 4)."""
     return _products(np.broadcast_to(a, np.shape(b)), b)
 
 
 def _products(a, b):
-    """Hamilton products of quaternions (..., 4)."""
+    """Return Hamilton products of quaternions (..., 4)."""
     v, w, s, t = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
     return np.concatenate(
         [w * s + t * v + np.cross(v, s), w * t - np.sum(v * s, axis=-1, keepdims=True)], axis=-1

@@ -1,4 +1,4 @@
-"""The tracker: a belief that is kept while measurements arrive, through contact, rest and occlusion."""
+"""Tracker: a belief that is kept while measurements arrive, through contact, rest and occlusion."""
 
 from __future__ import annotations
 
@@ -49,27 +49,27 @@ from .observation import constant_velocity
 from .report import Correction, TrackStatus
 from .symmetry import NONE, AxialSymmetry, checked_symmetries, folded
 
-#: Longest time that rollouts go without contact noise [s].
+#: Longest simulated time between additions of contact noise [s].
 _PIECE = 1.0 / 30.0
-#: Of velocities at a start, beside what the first measurements say [m/s], [rad/s].
+#: Standard deviations added to the velocities of the first measurements at a start [m/s], [rad/s].
 _START_VELOCITY, _START_SPIN = 0.3, 3.0
-#: Share of the members that sleep, of a body at rest.
+#: Share of sleeping members from which on a body is at rest.
 _RESTING_SHARE = 0.9
-#: Measurements rejected in a row, and standard deviation of the position [m], of a lost body.
+#: Rejected measurements in a row, and standard deviation of the position [m], of a lost body.
 _LOST_AFTER, _LOST_STD = 3, 0.5
 _SAME_TIME = 1e-9  # s
 _FEWEST, _MOST = 8, 10_000  # members
 
 
 class State(NamedTuple):
-    """A tracker's state at one time; nothing changes it.
+    """Immutable state of a tracker at one time.
 
     Attributes
     ----------
     carry : MonteCarloCarry
         The members.
     contact_share : (B,) array
-        Share of the members in which each body was in contact of late.
+        Share of the members in which each body was recently in contact.
     tracks : tuple of Track
         Of the moving bodies.
     tied : (M, M) bool array
@@ -93,11 +93,11 @@ class _Entry:
 
 
 class Tracker:
-    """Keeps a belief about a scene's bodies while measurements arrive.
+    """Belief about a scene's bodies that is kept while measurements arrive.
 
     A set of rollouts (members) with contact memory represents the belief. Measurements correct the members by
     a deterministic square-root ensemble Kalman filter on the manifold of poses. A constant-velocity filter
-    beside each body answers where physics cannot explain the measurements, as when a hand carries it.
+    for each body gives the answer while physics cannot explain the measurements, as when a hand carries it.
 
     Parameters
     ----------
@@ -113,14 +113,14 @@ class Tracker:
     time : float, optional
         Time of the belief, on the clock of the measurements [s]. The scene's paths begin then.
     seed : int, optional
-        Of all draws. The same calls with the same seed have the same results, to the last bit.
+        Seed of all draws. The same calls with the same seed have the same results, to the last bit.
     gates : Gates, optional
         Squared Mahalanobis distances above which measurements have less effect, and none.
     symmetries : mapping of str to AxialSymmetry or (K, 4) array_like, optional
         An axis about which a body looks the same at every angle; or rotations, as quaternions (x, y, z, w) in
-        the body frame, after which it looks as before. A measured pose is replaced by its equivalent that is
-        nearest to the expected one. An angle about an axis of symmetry is never corrected: it is arbitrary in
-        the answers, and its small variance there means nothing (`AxialSymmetry`).
+        the body frame, after which it looks the same. A measured pose is replaced by the equivalent one that
+        is nearest to the expected pose. The angle about an axis of symmetry is never corrected: it is
+        arbitrary in the answers, and its small variance there is meaningless (`AxialSymmetry`).
 
     Raises
     ------
@@ -176,12 +176,12 @@ class Tracker:
 
     @property
     def scene(self) -> Scene:
-        """The scene as it is simulated."""
+        """Simulated scene."""
         return self._scene
 
     @property
     def time(self) -> float:
-        """Time that the tracker has reached [s]."""
+        """Time of the belief [s]."""
         return self._time
 
     def correct(self, time: float, measurements: Mapping[str, Measurement]) -> Correction:
@@ -190,8 +190,8 @@ class Tracker:
         Parameters
         ----------
         time : float
-            When they were taken [s]; it may lie before that of earlier calls, by up to the window. Older
-            measurements have no effect, and the report says so: `Correction.too_late`.
+            Time of the measurements [s]. It may precede earlier calls by up to the window. Older measurements
+            have no effect, and the report has `Correction.too_late`.
         measurements : mapping of str to measurement
             By the names of moving bodies: `PoseMeasurement`, `PositionMeasurement` or
             `RelativePoseMeasurement`.
@@ -203,7 +203,7 @@ class Tracker:
         Raises
         ------
         InvalidRequestError
-            If a name is that of no moving body.
+            If a name belongs to no moving body.
         """
         time = number(time, "time")
         self._check(measurements)
@@ -273,7 +273,7 @@ class Tracker:
         }
 
     def ahead(self, times: float | Sequence[float]) -> Prediction:
-        """Predict from the present belief; the tracker stays as it is.
+        """Predict from the present belief; the tracker does not change.
 
         Parameters
         ----------
@@ -305,7 +305,7 @@ class Tracker:
         return Prediction(self._scene, self._propagator, tuple(snapshots), now, now, clock() - started)
 
     def fork(self) -> Tracker:
-        """Return a tracker of its own in the same state, for what-if questions."""
+        """Return an independent tracker in the same state, for what-if questions."""
         other = copy.copy(self)
         other._history = [copy.copy(entry) for entry in self._history]
         other._symmetries = dict(self._symmetries)
@@ -314,16 +314,15 @@ class Tracker:
     def add(
         self, body: RigidBody, belief: BodyBelief, symmetry: AxialSymmetry | ArrayLike | None = None
     ) -> None:
-        """Add a body at the tracker's time; measurements from before it no longer count.
+        """Add a body at the tracker's time; earlier measurements no longer count.
 
         Parameters
         ----------
         body : RigidBody
         belief : BodyBelief
-            About the body at the tracker's time; no velocities are known where their standard deviations are
-            large.
+            About the body at the tracker's time; large standard deviations mean unknown velocities.
         symmetry : AxialSymmetry or (K, 4) array_like, optional
-            As those of the tracker's ``symmetries``.
+            As in the tracker's ``symmetries``.
         """
         instance(body, RigidBody, "body")
         instance(belief, BodyBelief, "belief")
@@ -362,9 +361,9 @@ class Tracker:
         self._begin_anew(state)
 
     def remove(self, name: str) -> None:
-        """Remove a body at the tracker's time; measurements from before it no longer count.
+        """Remove a body at the tracker's time; earlier measurements no longer count.
 
-        Bodies that sleep wake up: it may have carried them.
+        Sleeping bodies wake up, as the body may have carried them.
         """
         names = [body.name for body in self._scene.bodies]
         if name not in names:
@@ -394,8 +393,8 @@ class Tracker:
         Parameters
         ----------
         paths : mapping of str to PosePath
-            Their times are seconds since the tracker's first time, as those of the scene's own paths. Each
-            must go on from where the body is.
+            Their times are seconds since the tracker's first time, as in the scene's paths. Each path must
+            continue at the present pose of its body.
         """
         names = [body.name for body in self._scene.bodies]
         bodies = list(self._scene.bodies)
@@ -426,11 +425,11 @@ class Tracker:
         return round((time - self._origin) / self._scene.dt)
 
     def _delay(self, state, time):
-        """How much later than the members a time is [s]."""
+        """Return the time since the last step of the members [s]."""
         return time - self._origin - state.carry.step * self._scene.dt
 
     def _state_at(self, time):
-        """The state at a time, from the measurements until then."""
+        """Return the state at a time, from the measurements until then."""
         place = max(
             (k for k, entry in enumerate(self._history) if entry.time <= time + _SAME_TIME), default=-1
         )
@@ -447,7 +446,7 @@ class Tracker:
         return self._advanced(state, self._step(time))
 
     def _advanced(self, state, step):
-        """The state after the members have gone on to a step; the noise of each piece is its own."""
+        """Return the state with the members advanced to a step; each piece has its own noise."""
         scene = self._scene
         while state.carry.step < step:
             begin = state.carry.step
@@ -461,7 +460,7 @@ class Tracker:
         return state
 
     def _replay(self, place):
-        """Apply the entries from one on again."""
+        """Apply the entries from an index on again."""
         k = place
         while k < len(self._history):
             entry = self._history[k]
@@ -471,7 +470,7 @@ class Tracker:
         self._present = None
 
     def _forget_old(self):
-        """Forget entries that nothing within the window needs."""
+        """Remove entries that nothing within the window needs."""
         old = [k for k, entry in enumerate(self._history) if entry.time < self._time - self._window]
         if old:
             del self._history[: old[-1]]
@@ -481,24 +480,19 @@ class Tracker:
     def _apply(self, k, state, entry):
         """Apply an entry's measurements to the state before them.
 
-        Returns None; or the place of the entry from which to go on, where a body's members have been drawn
-        anew before.
+        Returns None, or the index of the entry to continue from if earlier members of a body were drawn
+        again.
         """
         scene, moving = self._scene, self._scene.moving
         names = {body.name: index for index, body in enumerate(scene.bodies)}
-        delay = self._delay(state, entry.time)
         state = self._aligned(state, [names[name] for name in entry.measurements])
         mean = self._answer_mean(state, entry.time)
-        seen, observations = [], []
+        seen = []
         for name, measurement in entry.measurements.items():
             body = names[name]
             reference = body if measurement.reference is None else names[measurement.reference]
-            observation = measurement.observation(scene.bodies[body])
-            seen.append((body, reference, observation))
-            observation = folded(self._symmetry(body), observation, mean[body], mean[reference])
-            shape = self._noise.shape_variance(state.contact_share[body])[: len(observation.noise)]
-            noisy = observation._replace(noise=observation.noise + np.diag(shape))
-            observations.append(BodyObservation(body, noisy, reference, delay))
+            seen.append((body, reference, measurement.observation(scene.bodies[body])))
+        observations = [self._noisy(state, entry.time, mean, *one) for one in seen]
         carry = state.carry
         result = corrected(
             carry.states,
@@ -524,7 +518,7 @@ class Tracker:
             if physics.accepted:
                 history = _begun_anew(state.carry.contact_history, body)
                 state = state._replace(carry=state.carry._replace(contact_history=history))
-            elif track.mode is TrackMode.PHYSICS:  # only the filter, which does not answer, has used it
+            elif track.mode is TrackMode.PHYSICS:  # only the filter, which is not in charge, used it
                 rejected.append(scene.bodies[body].name)
             if track.mode is TrackMode.STARTING:
                 if track.free.knows_velocities(self._symmetry(body)):
@@ -535,16 +529,23 @@ class Tracker:
                 else:
                     state = self._redrawn(state, place, track.free)
             elif track.mode is TrackMode.CARRIED and track.evidence == 0.0:
-                # the members say how the body would move from here on, were it let go
+                # the members then show the motion of the body if it is released now
                 state = self._redrawn(state, place, track.free)
             tracks = list(state.tracks)
         entry.state, entry.rejected = state, tuple(rejected)
         return None
 
-    def _started(self, k, state, place, time):
-        """Draw a body's members anew at its first measurement, now that velocities are known.
+    def _noisy(self, state, time, mean, body, reference, observation):
+        """Return the equivalent observation nearest to the mean, with the noise of the body's shape."""
+        observation = folded(self._symmetry(body), observation, mean[body], mean[reference])
+        shape = self._noise.shape_variance(state.contact_share[body])[: len(observation.noise)]
+        noisy = observation._replace(noise=observation.noise + np.diag(shape))
+        return BodyObservation(body, noisy, reference, self._delay(state, time))
 
-        Returns the place of the entry after that measurement; None where it is forgotten.
+    def _started(self, k, state, place, time):
+        """Draw a body's members again at its first measurement, when its velocities have become known.
+
+        Returns the index of the entry after that measurement; None if it was removed.
         """
         first, free = state.tracks[place].first, state.tracks[place].free
         at = [j for j in range(1, k) if self._history[j].time == first.time]
@@ -553,7 +554,7 @@ class Tracker:
         covariance = first.covariance.copy()
         covariance[ERR_VELOCITY], covariance[ERR_ANGULAR_VELOCITY] = 0.0, 0.0
         covariance[:, ERR_VELOCITY], covariance[:, ERR_ANGULAR_VELOCITY] = 0.0, 0.0
-        # the measurements since count again, so that little of what they say of velocities is put in here
+        # the later measurements are applied again, so the variances of the velocities are enlarged
         fallen = 0.5 * (time - first.time) * float(np.linalg.norm(self._scene.gravity))
         for block, least in (
             (ERR_VELOCITY, _START_VELOCITY**2 + fallen**2),
@@ -570,19 +571,20 @@ class Tracker:
         return at[-1] + 1
 
     def _free_again(self, state, place):
-        """The state in which physics moves a body from its filter's belief on."""
+        """Return the state in which physics continues from a body's filter."""
         tracks = list(state.tracks)
         tracks[place] = tracks[place]._replace(mode=TrackMode.PHYSICS, first=None)
         return self._redrawn(state._replace(tracks=tuple(tracks)), place, tracks[place].free)
 
     def _redrawn(self, state, place, free):
-        """The state with a body's members drawn from a filter's belief; overlap is removed where physics
-        begins.
+        """Return the state with a body's members drawn from a filter's belief.
+
+        If physics begins there, overlap is removed.
         """
         scene, carry, mode = self._scene, state.carry, state.tracks[place].mode
         body = int(scene.moving[place])
         covariance = free.covariance.copy()
-        if mode is TrackMode.STARTING:  # nobody knows where to
+        if mode is TrackMode.STARTING:  # velocities are unknown
             covariance[ERR_VELOCITY], covariance[ERR_ANGULAR_VELOCITY] = 0.0, 0.0
             covariance[:, ERR_VELOCITY], covariance[:, ERR_ANGULAR_VELOCITY] = 0.0, 0.0
         rng = np.random.default_rng((self._propagator.seed, carry.step, 1 + place))
@@ -602,7 +604,7 @@ class Tracker:
         return state._replace(carry=carry._replace(states=states, contact_history=history))
 
     def _groups(self, state):
-        """(M,): the same number for moving bodies that have met, or were correlated at the start."""
+        """Return a number (M,) that moving bodies share if they have met, or were correlated at the start."""
         moving = self._scene.moving
         count = len(moving)
         met = np.isfinite(state.carry.contact_history.first_time[:, moving][:, :, moving]).any(axis=0)
@@ -617,7 +619,7 @@ class Tracker:
         return self._symmetries.get(self._scene.bodies[body].name, NONE)
 
     def _aligned(self, state, bodies):
-        """The state whose members have the same angle about the axes of symmetry of some bodies."""
+        """Return the state whose members have the same angle about the axes of symmetry of some bodies."""
         states = state.carry.states
         for body in bodies:
             states = self._symmetry(body).aligned(states, body)
@@ -626,7 +628,7 @@ class Tracker:
     # -- answers -----------------------------------------------------------------------------------
 
     def _members(self, state, time):
-        """(N, B, 13): the members; those of bodies that a filter answers for are drawn from it."""
+        """Return the members (N, B, 13); bodies with a filter in charge are drawn from the filter."""
         states = state.carry.states
         rng = np.random.default_rng((self._propagator.seed, state.carry.step, 0))
         for body, track in zip(self._scene.moving, state.tracks, strict=True):
@@ -639,12 +641,12 @@ class Tracker:
         return states
 
     def _answer_mean(self, state, time):
-        """(B, 13): the mean of `_answer`."""
+        """Return the mean (B, 13) of `_answer`."""
         mean, _ = mean_and_errors(state.carry.states, self._scene.moving)
         return self._completed_mean(state, mean, time)
 
     def _completed_mean(self, state, mean, time):
-        """The members' mean at an exact time, with what filters answer for."""
+        """Return the members' mean at an exact time, with the means of filters in charge."""
         delay = self._delay(state, time)
         for body, track in zip(self._scene.moving, state.tracks, strict=True):
             if track.mode is not TrackMode.PHYSICS:
@@ -656,7 +658,7 @@ class Tracker:
         return with_kinematic(self._scene, mean, time - self._origin)
 
     def _answer(self, state, time):
-        """The belief of a state."""
+        """Return the belief of a state."""
         moving = self._scene.moving
         mean, errors = mean_and_errors(state.carry.states, moving)
         P = second_moment(errors) * (len(errors) / (len(errors) - 1.0))
@@ -673,7 +675,7 @@ class Tracker:
         return Belief.trusted(self._completed_mean(state, mean, time), P, moving)
 
     def _statuses(self, state, time):
-        """The status of each moving body, by its name."""
+        """Return the status of each moving body, by its name."""
         scene, found = self._scene, {}
         resting = histories.asleep(state.carry.contact_history, scene.world).mean(axis=0)
         for body, track in zip(scene.moving, state.tracks, strict=True):
@@ -697,7 +699,7 @@ class Tracker:
         return found
 
     def _report(self, time, measured, entry, replayed=0):
-        """The report of an entry, None if it was too late; statuses are those of now."""
+        """Return the report of an entry, with the present statuses; None if it was too late."""
         statuses = self._statuses(self._history[-1].state, self._history[-1].time)
         tracks = () if entry is None else entry.state.tracks
         distances = {
@@ -718,7 +720,7 @@ class Tracker:
     # -- start and checks --------------------------------------------------------------------------
 
     def _start(self, scene, belief, tracks):
-        """The members at the start: whitened draws, without velocities that are not known."""
+        """Return the members at the start: whitened draws, with zero for unknown velocities."""
         P, count = np.array(belief.joint), self._propagator.samples
         for place, track in enumerate(tracks):
             if track.mode is TrackMode.STARTING:
@@ -766,13 +768,13 @@ class Tracker:
 
 
 def _new_track(mean, covariance, time, symmetry):
-    """The track of a body that begins with a belief."""
+    """Return the track of a body that begins with a belief."""
     free = Filter(np.array(mean), np.array(covariance), time)
     return Track(TrackMode.PHYSICS if free.knows_velocities(symmetry) else TrackMode.STARTING, free)
 
 
 def _check_tracked(scene, propagator):
-    """Raise `NotSupportedError` for what members cannot be corrected in."""
+    """Raise `NotSupportedError` for scenes whose members cannot be corrected."""
     check_supported(scene, propagator)
     for parameter in scene.uncertain:
         if parameter.name in ("center_of_mass", "trajectory", "released_at"):
@@ -782,9 +784,9 @@ def _check_tracked(scene, propagator):
 
 
 def _touching_support(history, world, time):
-    """The history in which nothing has touched yet, but sleeping bodies touch at a time what they rest on.
+    """Return a history in which only sleeping bodies touch their supports, at a time.
 
-    No step looks for the contacts of bodies that sleep; those of awake ones appear in the next step.
+    Steps do not search for contacts of sleeping bodies; contacts of awake ones appear in the next step.
     """
     first = np.full_like(history.first_time, np.inf)
     if history.solver is not None:
@@ -799,8 +801,9 @@ def _touching_support(history, world, time):
 
 
 def _begun_anew(history, body, kept=None):
-    """The history that says of a body's start what holds since a measurement: how deep (N,) it overlaps
-    without a force, by default as before. What the first belief needed says nothing of this one.
+    """Return the history with the adjustments of a body's start replaced by those since a measurement.
+
+    Only the overlap (N,) that it keeps without a force remains, by default as before.
     """
     if history.start is None:
         return history
