@@ -48,9 +48,10 @@ def directions(scene: Scene, columns: int) -> Directions:
 
 
 def start_root(scene: Scene, belief: Belief, mean: np.ndarray) -> np.ndarray:
-    """(12 M, r): a root of the belief at time 0, a column for each uncertain parameter behind its own.
+    """Return a root (12 M, r) of the belief at time 0; columns for the uncertain parameters follow its own.
 
-    What a hand holds moves along with its path. ``mean`` (B, 13) is the state that the rollout begins with.
+    Held bodies move along with the path of their holder. ``mean`` (B, 13) is the state of the rollout at time
+    0.
     """
     root = belief.root()
     if not scene.acts:
@@ -69,5 +70,5 @@ def start_root(scene: Scene, belief: Belief, mean: np.ndarray) -> np.ndarray:
 
 
 def _cross(v):
-    """(3, 3): the matrix of ``v x``."""
+    """Return the matrix (3, 3) of ``v x``."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

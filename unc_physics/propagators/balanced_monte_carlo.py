@@ -1,4 +1,4 @@
-"""Monte Carlo of few samples that tell a spread."""
+"""Monte Carlo of few samples for estimates of a spread."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from .sobol import normal_points
 
 @dataclass(frozen=True)
 class BalancedMonteCarlo(MonteCarlo):
-    """Monte Carlo whose draws have mean and covariance of the belief, so that few of them tell a spread.
+    """Monte Carlo whose draws have mean and covariance of the belief, so that few suffice for a spread.
 
     Notes
     -----
     Sobol points (N, r), as normal numbers, are made orthogonal to 1 and to each other, N - 1 columns at a
-    time. What responds linearly to so many directions has then exactly its spread, where twelve plain draws
-    are off by a fifth.
+    time. Linear functions of so many directions then have exactly their spread, where twelve plain draws have
+    errors of a fifth.
     """
 
     random_moments = False
 
     def drawn(self, scene, belief, count):
-        """As `MonteCarlo.drawn`, but for the first ones of a larger number; plain draws where overlap is
-        rejected, or of one sample.
+        """Return states drawn as in `MonteCarlo.drawn`, but with other ones for each count.
+
+        One sample, and samples of a scene that rejects overlap, are plain draws.
         """
         if scene.overlap == "reject" or count < 2:
             return super().drawn(scene, belief, count)
@@ -37,18 +38,18 @@ class BalancedMonteCarlo(MonteCarlo):
         return spread_states(belief.mean.copy(), belief.moving.copy(), np.einsum("nr,kr->nk", z, root))
 
 
-#: Times that `WideMonteCarlo` spreads states and parameters.
+#: Factor on the spread of states and parameters in `WideMonteCarlo`.
 WIDE = 2.0
 
 
 @dataclass(frozen=True)
 class WideMonteCarlo(BalancedMonteCarlo):
-    """Monte Carlo of a belief that is spread twice as wide: few samples reach what is rare.
+    """Monte Carlo of a belief that is twice as wide, so that few samples reach rare outcomes.
 
     Notes
     -----
-    An outcome that happens beyond 2.6 standard deviations of something, once in 200 samples, happens beyond
-    1.3 here, once in ten.
+    An outcome beyond 2.6 standard deviations, which happens once in 200 samples, is beyond 1.3 here, and
+    happens once in ten.
     """
 
     def drawn(self, scene, belief, count):
@@ -64,7 +65,7 @@ class WideMonteCarlo(BalancedMonteCarlo):
 
 
 def _balanced(z):
-    """Numbers (N, r) of mean 0 and variance 1 in each column, no two of them correlated if they can be."""
+    """Return numbers (N, r) with mean 0 and variance 1 in each column, uncorrelated if N suffices."""
     count = len(z)
     z = z - z.mean(axis=0)
     for first in range(0, z.shape[1], count - 1):

@@ -1,4 +1,4 @@
-"""Quasi-random rollouts, and a surface through their outcomes that is sampled in place of more of them."""
+"""Quasi-random rollouts, and samples of a surface through their outcomes."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ from .start import resolve_initial_overlap
 
 FEWEST_RUNS = 12
 RUNS_LIMIT = 100_000
-_MOMENT_POINTS = 512  # that moments of a surface, and of what flies, are taken over
+_MOMENT_POINTS = 512  # for moments of surfaces and of flights
 
 
 class _Carry(NamedTuple):
-    """Persistent state: the states of N rollouts, and what they stand for."""
+    """Persistent state: the states of N rollouts, and their uncertain directions."""
 
     states: np.ndarray  # (N, B, 13): of the bodies' centres of mass, wherever those are uncertain
     contact_history: ContactHistory
@@ -61,11 +61,11 @@ class _Carry(NamedTuple):
 
 
 class CloudCarry(_Carry):
-    """The persistent state, and beside it what was computed from it: another carry begins without."""
+    """Persistent state with a cache of results, which a new carry does not have."""
 
     @cached_property
     def shared(self) -> list[Shared]:
-        """The one that times of a prediction share, or its own (`emission.Shared`)."""
+        """Cache that the times of a prediction share, or one of this carry (`emission.Shared`)."""
         return [Shared({}, {})]
 
     @cached_property
@@ -75,22 +75,22 @@ class CloudCarry(_Carry):
 
     @cached_property
     def runs(self) -> dict[int, Runs]:
-        """What the rollouts stand for, by the points' seed."""
+        """Rollouts with their random numbers, by the points' seed."""
         return {}
 
     @cached_property
     def errors(self) -> list[StandardErrors]:
-        """Standard errors, once they were asked for."""
+        """Cached standard errors."""
         return []
 
     @cached_property
     def straight_errors(self) -> list[StandardErrors]:
-        """Those of rotations that do not wrap around, once they were asked for."""
+        """Cached standard errors of rotations that do not wrap around."""
         return []
 
     @cached_property
     def samples(self) -> dict[tuple, np.ndarray]:
-        """The samples that the answer consists of, once they were asked for, by the options that count."""
+        """Cached samples of the answer, by their options."""
         return {}
 
 
@@ -113,7 +113,7 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
     supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS, impact_errors=True)
     resamples = True
 
-    #: a prediction with fewer has the first ones of one with more
+    #: fewer runs are the first ones of more runs
     runs: int = option(32, "number of rollouts", low=FEWEST_RUNS, high=RUNS_LIMIT)
     samples: int = option(1000, "number of samples that the answer consists of", low=1, high=SAMPLES_LIMIT)
     seed: int = option(0, "seed of the points", low=0)  # of their scrambling
@@ -161,7 +161,7 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
         return belief_of(self._runs(carry), scene)
 
     def share_caches(self, carries):
-        """Let the times of a prediction share their surfaces; those of the last are fitted first."""
+        """Let the times of a prediction share their surfaces; the surfaces of the last are fitted first."""
         for carry in carries[:-1]:
             carry.shared[:] = carries[-1].shared
             carry.runs.clear()
@@ -220,7 +220,7 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
         return self.samples
 
     def own_samples(self, carry, scene):
-        """(samples, B, 13): states of the models' centres of mass, emitted from the rollouts."""
+        """Return states (samples, B, 13) of the models' centres of mass, emitted from the rollouts."""
         options = self.samples, self.seed
         if options not in carry.samples:
             z = _emitted_points(self.samples, carry.dimensions, self.seed)[:, carry.columns]
@@ -245,13 +245,13 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
         return carry.errors[0]
 
     def _straight_errors(self, carry, scene):
-        """As `standard_errors`, as if rotations did not wrap around."""
+        """Return `standard_errors` as if rotations did not wrap around."""
         if not carry.straight_errors:
             carry.straight_errors.append(standard_errors(self._runs(carry), scene))
         return carry.straight_errors[0]
 
     def _points(self, count, dimensions, columns, simulated):
-        """(count, r + K): what the rollouts are spread by."""
+        """Return the numbers (count, r + K) that spread the rollouts."""
         return np.where(simulated, _rollout_points(count, dimensions, self.seed)[:, columns], 0.0)
 
     def _runs(self, carry):
@@ -280,13 +280,13 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
 
 
 def _key(seed, stream):
-    """A seed of 63 bits for one of the two sets of points."""
+    """Return a seed of 63 bits for one of the two sets of points."""
     return (2 * seed + stream) % 2**63
 
 
 @lru_cache(maxsize=16)
 def _rollout_points(count: int, dimensions: int, seed: int) -> np.ndarray:
-    """(count, dimensions): what rollouts are spread by."""
+    """Return the normal numbers (count, dimensions) of the rollouts."""
     return normal_points(count, dimensions, _key(seed, 0))
 
 
@@ -294,7 +294,7 @@ def _rollout_points(count: int, dimensions: int, seed: int) -> np.ndarray:
 def _numbers(
     count: int, dimensions: int, seed: int, columns: bytes, simulated: bytes
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`Runs.labels`, `Runs.z` and `Runs.points`, of a carry's columns."""
+    """Return `Runs.labels`, `Runs.z` and `Runs.points` of a carry's columns."""
     some = np.frombuffer(columns, np.int64)
     labels = _rollout_points(count, dimensions, seed)[:, some]
     z = np.where(np.frombuffer(simulated, bool), labels, 0.0)
@@ -303,8 +303,8 @@ def _numbers(
 
 @lru_cache(maxsize=16)
 def _emitted_points(count: int, dimensions: int, seed: int) -> np.ndarray:
-    """(count, dimensions): what the samples are spread by, with mean 0 and covariance 1 to round-off.
+    """Return the samples' normal numbers (count, dimensions), with mean 0 and covariance 1 to round-off.
 
-    So means and covariances that a smooth surface keeps are exact.
+    Means and covariances that a smooth surface preserves are therefore exact.
     """
     return whitened(normal_points(count, dimensions, _key(seed, 1)))

@@ -11,8 +11,9 @@ _NEIGHBOUR = 3  # outcome, the third nearest, that a displacement may reach
 
 @kernel
 def reach(y, first, width):
-    """(N,): distance of each outcome to its third nearest other, by ``width`` columns of ``y`` (N, K) from
-    ``first`` on.
+    """Return the distance (N,) of each outcome to its third nearest other.
+
+    ``y`` (N, K) are outcomes, of which ``width`` columns from ``first`` on count.
     """
     n = len(y)
     out = np.empty(n)
@@ -33,8 +34,9 @@ def reach(y, first, width):
 
 @kernel
 def clip(d, first, width, also, limit):
-    """Shorten columns of displacements ``d`` (S, K) in place, so that ``width`` from ``first`` on are no
-    longer than ``limit`` (S,); as many from ``also`` on share the factor.
+    """Shorten columns of displacements ``d`` (S, K) in place to at most ``limit`` (S,).
+
+    ``width`` columns from ``first`` on are measured; as many from ``also`` on share the factor.
     """
     for s in range(len(d)):
         total = 0.0
@@ -49,7 +51,7 @@ def clip(d, first, width, also, limit):
 
 @kernel
 def _means(values):
-    """(K,): of each column of values (S, K)."""
+    """Return the means (K,) of the columns of values (S, K)."""
     out = np.zeros(values.shape[1])
     for s in range(len(values)):
         row = values[s]
@@ -60,7 +62,7 @@ def _means(values):
 
 @kernel
 def variances(values):
-    """(K,): of each column of values (S, K)."""
+    """Return the variances (K,) of the columns of values (S, K)."""
     middle, out = _means(values), np.zeros(values.shape[1])
     for s in range(len(values)):
         row = values[s]

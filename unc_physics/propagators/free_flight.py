@@ -43,10 +43,10 @@ class Course(NamedTuple):
 
 @lru_cache(maxsize=64)
 def course(dt: float, decay: float, steps: float, implicit: bool = False) -> Course:
-    """The course of ``steps`` time steps of either integrator; the last one may be a part of a step.
+    """Return the course of ``steps`` time steps of either integrator; the last one may be a part of a step.
 
-    Both take ``v' = decay v + dt g``. The explicit one travels at v, the implicit one at the mean of v and
-    v', a parabola; both turn at the angular velocity that a step begins with.
+    Both compute ``v' = decay v + dt g``. The explicit integrator travels at v, the implicit one at the mean
+    of v and v', a parabola. Both turn at the angular velocity at the beginning of a step.
     """
     if steps == 0:
         nothing = np.zeros(0)
@@ -67,7 +67,7 @@ def course(dt: float, decay: float, steps: float, implicit: bool = False) -> Cou
 
 
 def _with_part_of_a_step(whole, dt, decay, part, implicit):
-    """A course, and after it a step that is only a ``part`` of ``dt`` long."""
+    """Return a course followed by a ``part`` of a step of ``dt``."""
     h = part * dt
     slower = decay**part
     end, fall = slower * whole.decay, slower * whole.fall + h
@@ -89,8 +89,10 @@ def course_of(world, steps: float) -> Course:
 
 
 class Flight(NamedTuple):
-    """A free flight of a single body: its gravity (3,) [m/s^2], its course, and in how many time steps; the
-    last one may be a part of a step.
+    """Free flight of a single body.
+
+    Attributes: gravity (3,) [m/s^2], course, and the number of time steps, which may end with a part of a
+    step.
     """
 
     gravity: np.ndarray
@@ -99,7 +101,7 @@ class Flight(NamedTuple):
 
 
 def flown(states: np.ndarray, flight: Flight) -> np.ndarray:
-    """States (..., 13) after a free flight."""
+    """Return states (..., 13) after a free flight."""
     gravity, along = flight.gravity, flight.course
     ended = states.copy()
     v, w, q = states[..., VELOCITY], states[..., ANGULAR_VELOCITY], states[..., QUATERNION]
@@ -140,9 +142,9 @@ def _fly(states, gravity, decay, fall, reach, sink, turn):
 
 
 def transition(state: np.ndarray, along: Course, exact: bool) -> np.ndarray:
-    """(12, 12): what a course makes of errors of a state (13,).
+    """Return the transition (12, 12) of errors of a state (13,) along a course.
 
-    The product of the steps' transitions: with the exact derivative of the drift, or as Eq. 14 has it.
+    It is the product of the transitions of its steps, with the exact derivative of the drift or with Eq. 14.
     """
     R_transposed = rotation_matrix(state[QUATERNION]).T
     omega = state[ANGULAR_VELOCITY]

@@ -13,10 +13,10 @@ from ..spatial.layout import EP, ER, ERROR, EV, EW, Q, V, W
 from ..spatial.rotation import exp, multiply, normalized, rotate_back, write_matrix
 from .free_flight import course_of
 
-_ALONG_FLIGHT = 0.1  # weight of displacements along the flight: they make a contact earlier or later
-_SOON = 0.1  # s, in which a change of velocity shows
-_LEAST = 0.1  # of the largest scale, which no direction falls below
-_PARAMETER = 0.5  # of the largest scale: that of uncertain parameters, which displace nothing before
+_ALONG_FLIGHT = 0.1  # weight of displacements along the flight, which only change the time of a contact
+_SOON = 0.1  # s, after which the effect of a change of velocity counts
+_LEAST = 0.1  # least scale of a direction, as a share of the largest
+_PARAMETER = 0.5  # scale of uncertain parameters, which displace nothing before, as a share of the largest
 _SLOW = 1e-3  # m/s, below which there is no direction of flight
 
 
@@ -28,18 +28,18 @@ def impact_metric(
     meetings: Sequence[tuple[int, int, float, float]],
     parameters: int,
 ) -> np.ndarray:
-    """(d, d): the map from standard normal numbers to coordinates in which all directions matter alike.
+    """Return the map (d, d) from standard normal numbers to coordinates in which all directions matter alike.
 
-    ``mean`` (B, 13) are states at time 0, and ``root`` (12 m, d - parameters) the errors that the numbers
-    make of the moving ``bodies`` (m,); so many of the d numbers are uncertain ``parameters``. Each of the
-    ``meetings`` is a place in ``bodies`` and another, or -1 for what is fixed; when they meet at first [s];
-    and in what share of the rollouts.
+    ``mean`` (B, 13) are states at time 0, and ``root`` (12 m, d - parameters) the errors of the moving
+    ``bodies`` (m,) per number. The last of the d numbers are uncertain ``parameters``. Each of the
+    ``meetings`` has an index into ``bodies``, another index or -1 for fixed things, the time of the first
+    contact [s], and its share of the rollouts.
 
     Notes
     -----
-    Two errors matter alike that displace two bodies alike just before their contact, across the flight. Along
-    it they only make the contact earlier or later, while which the bodies turn. Rotations count by half a
-    radius.
+    Two errors matter alike if they displace two bodies alike just before their contact, across the flight.
+    Displacements along the flight only change the time of the contact, and the rotation of the bodies until
+    then. Rotations count by half a radius.
     """
     size = root.shape[1]
     errors = root.reshape(len(bodies), ERROR, size)
@@ -63,8 +63,9 @@ def impact_metric(
 
 @kernel
 def _add_meeting(G, share, states, radii, errors, gravity, course):
-    """Add to ``G`` what errors (n, 12, r) make of a meeting of n bodies, of one with what is fixed or of two,
-    from their ``states`` (n, 13) at time 0 on; ``course`` is a `Course`'s decay, fall, reach and turn.
+    """Add to ``G`` the effects of errors (n, 12, r) on a meeting of two bodies, or of one with a fixed thing.
+
+    The bodies have ``states`` (n, 13) at time 0. ``course`` has decay, fall, reach and turn of a `Course`.
     """
     decay, fall, reach, turn = course
     count, size = len(states), errors.shape[2]

@@ -16,8 +16,10 @@ _NUDGE = 1e-9  # of the body's radius: coincident spheres have no normal
 
 
 def overlaps(scene: Scene, states: np.ndarray, *, among_moving: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """How deep each body's spheres reach into others or the environment [m], and no less than the energy
-    there [J]: each (N, B), of states (N, B, 13). Without ``among_moving``, into what does not move alone.
+    """Return the depth [m] and an upper bound of the energy [J] of each body's overlap.
+
+    Each is (N, B), of states (N, B, 13). Without ``among_moving``, only overlap with the environment and with
+    fixed bodies counts.
     """
     nudged = states.copy()
     radii = [body.model.bounding_radius for body in scene.bodies]
@@ -30,7 +32,7 @@ def overlaps(scene: Scene, states: np.ndarray, *, among_moving: bool = True) -> 
 
 @kernel
 def _add_overlaps(states, world, environment, among_moving, depths, works):
-    """Depths, and depth times volume, half for each of two bodies, of states (N, B, 13): each (N, B)."""
+    """Add depths, and depth times volume, half for each of two bodies, of states (N, B, 13): (N, B)."""
     for n in range(len(states)):
         x, out, energy = states[n], depths[n], works[n]
         work = workspace(x, world)

@@ -37,9 +37,9 @@ def fit(x: np.ndarray, y: np.ndarray, like: ResponseSurface | None = None) -> Re
     """Return the surface through outcomes ``y`` (N, K) at ``x`` (N, d).
 
     All outputs share one length and one nugget. They minimize the mean square error of leaving one rollout
-    out, which has a closed form (Rasmussen and Williams 2006, 5.4.2). The search begins by those of a surface
-    ``like`` it, through the same outcomes in other coordinates, and ends at a local minimum. The trend is
-    linear from 3 (d + 1) rollouts on, and its coefficients are estimated along.
+    out, which has a closed form (Rasmussen and Williams 2006, 5.4.2). The search begins at the length and
+    nugget of ``like``, a surface through the same outcomes in other coordinates, and ends at a local minimum.
+    The trend is linear from 3 (d + 1) rollouts on, and its coefficients are estimated as well.
     """
     x, y = np.ascontiguousarray(x[:_MOST]), np.ascontiguousarray(y[:_MOST])
     count, size = x.shape
@@ -67,11 +67,11 @@ def smoother(surface: ResponseSurface, columns: np.ndarray, at: np.ndarray) -> t
 
 
 def active_directions(surface: ResponseSurface) -> np.ndarray:
-    """(d, d): the map to coordinates in which the surface changes more alike in all directions.
+    """Return the map (d, d) to coordinates in which the surface changes more alike in all directions.
 
-    Its slopes at the first of its points have a second moment (d, d), whose eigenvectors become the axes
-    (active subspaces, Constantine 2015). Each is scaled by the root of the ratio of the slope along it to the
-    largest slope, since few rollouts do not determine slopes well. No scale is below a fifth.
+    The second moment (d, d) of its slopes at its first points has eigenvectors that become the axes (active
+    subspaces, Constantine 2015). Each is scaled by the root of the ratio of the slope along it to the largest
+    slope, since few rollouts do not determine slopes well. No scale is below a fifth.
     """
     size = surface.points.shape[1]
     if size == 0:
@@ -108,7 +108,7 @@ def _invert(A, row):
 
 @kernel
 def _squares(x):
-    """(N, N): squared distances of points (N, d)."""
+    """Return squared distances (N, N) of points (N, d)."""
     n, d = x.shape
     out = np.zeros((n, n))
     for i in range(n):
@@ -192,7 +192,7 @@ def _add_rows(out, factors, rows, count):
 
 @kernel
 def _product(A, first, count, y):
-    """(count, K): some rows of ``A``, from the ``first`` on, times ``y`` (N, K)."""
+    """Return ``count`` rows of ``A``, from the ``first`` on, times ``y`` (N, K): (count, K)."""
     out = np.zeros((count, y.shape[1]))
     for i in range(count):
         _add_rows(out[i], A[first + i], y, len(y))
@@ -252,7 +252,7 @@ def _choose(x, y, linear, lengths, nuggets, a, b):
 
 @kernel
 def _inverse(x, linear, length, nugget):
-    """Maps from outcomes to weights (N, N) and to the trend (p, N), of one length and nugget."""
+    """Return maps from outcomes to weights (N, N) and to the trend (p, N), of one length and nugget."""
     n, p = len(x), 1 + x.shape[1] if linear else 1
     near = _squares(x)
     _decayed(near.reshape(n * n), 0.5 / length**2)
@@ -264,7 +264,7 @@ def _inverse(x, linear, length, nugget):
 
 @kernel
 def solve(kriging, coefficients, y):
-    """Weights (N, K), trend (p, K) and left-out errors (N, K) of outcomes ``y`` (N, K)."""
+    """Return weights (N, K), trend (p, K) and left-out errors (N, K) of outcomes ``y`` (N, K)."""
     n, p = len(kriging), len(coefficients)
     weights, trend = _product(kriging, 0, n, y), _product(coefficients, 0, p, y)
     left_out = weights.copy()
@@ -276,7 +276,7 @@ def solve(kriging, coefficients, y):
 
 @kernel
 def surface_moments(y, kriging, mean_row, root, widest):
-    """Moments of the outcomes ``y`` (N, K) about 0, by the surface through the first n of them.
+    """Return moments of the outcomes ``y`` (N, K) about 0, by the surface through the first n of them.
 
     Parameters
     ----------
@@ -287,18 +287,18 @@ def surface_moments(y, kriging, mean_row, root, widest):
     root : (r, n) array
         ``root @ y`` has the covariance of the surface as its sum of squares.
     widest : float
-        Factor by which a column is scaled at most.
+        Largest factor on a column.
 
     Returns
     -------
     mean : (K,) array
     P : (K, K) array
         Covariance of the surface, plus that of the left-out errors. Each column is scaled to the variance
-        that the surface has as a control variate: that of the outcomes, plus that of the surface, less that
-        of the surface at the rollouts, each without itself.
+        with the surface as a control variate: the variance of the outcomes, plus that of the surface, less
+        that of the surface at the rollouts, each from the surface without this rollout.
     left_out : (n, K) array
     factors : (K,) array
-        By which each column was scaled.
+        Factors on the columns.
     """
     n, size = len(kriging), y.shape[1]
     left_out = _product(kriging, 0, n, y[:n])
@@ -337,7 +337,7 @@ def surface_moments(y, kriging, mean_row, root, widest):
 
 @kernel
 def _slopes(points, weights, trend, length):
-    """(d, d): second moment of a surface's slopes at its first points, summed over outputs."""
+    """Return the second moment (d, d) of a surface's slopes at its first points, summed over outputs."""
     n, d = points.shape
     out = np.zeros((d, d))
     slope, near, factors = np.empty((d, weights.shape[1])), np.empty(n), np.empty(n)
@@ -368,7 +368,7 @@ def _slopes(points, weights, trend, length):
 
 @kernel
 def predicted(weights, trend, length, columns, x):
-    """The surface at points ``x`` (S, d), (S, K), and the nearest to each of all N rollouts, (S,).
+    """Return the surface at points ``x`` (S, d), (S, K), and the nearest of all N rollouts to each, (S,).
 
     ``columns`` (d, N) are the rollouts' points, of which the surface goes through the first.
     """
