@@ -10,13 +10,14 @@ from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
 from unc_physics.checks.errors import InvalidEnvironmentError
+from unc_physics.ros.association import Place, assign
 from unc_physics.ros.detected import detected_object
 from unc_physics.ros.environment import NodeEnvironment
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.streams import TRACKED, transforms
 from unc_physics.ros.tracking import observation_of
-from unc_physics.ros.tracks import Place, Tracks, assign
+from unc_physics.ros.tracks import Tracks
 from unc_physics_msgs.msg import EnvironmentElement, TrackedObject
 
 STD, START = 0.002, 1_000_000_000_000  # m, ns

@@ -1,9 +1,8 @@
-"""Objects that the node tracks: births, association, corrections, and forgetting."""
+"""Tracked objects of the node: births, corrections, and forgetting."""
 
 from __future__ import annotations
 
 import copy
-from collections import OrderedDict
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -35,7 +34,7 @@ from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELO
 from ..tracking.measurements import PoseMeasurement
 from ..tracking.symmetry import AxialSymmetry
 from ..tracking.tracker import Tracker
-from .detected import smallest_extent
+from .association import OF_POSITION, ObservationMemory, Place, assign
 from .environment import NodeEnvironment, objects_of
 from .messages.actions import group_actions, write_actions
 from .messages.query import MARGINALS_ONLY, RequestedOutputs
@@ -45,15 +44,9 @@ from .messages.tracking import Seen, before_first, check_path, later_path, read_
 from .models import ModelLibrary, packing_info
 from .parameters import AXES, Settings
 
-#: Time without observations after which all objects begin anew [s].
+#: Time without observations after which all objects are forgotten [s].
 _LONGEST_GAP = 60.0
-#: Within which time two observations confirm a new object that no id names [s].
-_CONFIRMED_WITHIN = 1.0
-_REMEMBERED = 2000  # observations that are recognized when they arrive again
 _SEED = 1
-#: Parts of a covariance of a pose about a model's origin.
-_OF_POSITION = slice(0, 3)
-_FORBIDDEN = 1e9  # cost of a pair that cannot be
 
 
 class Robot(NamedTuple):
@@ -73,33 +66,9 @@ class Robot(NamedTuple):
     stamp: int
 
 
-class Place(NamedTuple):
-    """Where an object is expected, or was observed.
-
-    Attributes
-    ----------
-    model : str
-    position : (3,) array
-        World frame [m].
-    covariance : (3, 3) array
-        [m^2]
-    """
-
-    model: str
-    position: np.ndarray
-    covariance: np.ndarray
-
-
-class FirstObservation(NamedTuple):
-    """First observation of an object that no id names."""
-
-    place: Place
-    stamp: int
-
-
 @dataclass
 class Observed:
-    """What became of the observations of one time.
+    """Result of the observations of one time.
 
     Attributes
     ----------
@@ -135,7 +104,7 @@ class Tracks:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all objects and what the robot does."""
+        """Forget all objects and the paths of the robot."""
         self._tracker: Any = None  # a Tracker while objects are known
         self._change()
         self._epoch = self._stamp = self._observed = 0  # ns
@@ -143,8 +112,7 @@ class Tracks:
         self._models: dict[str, str] = {}  # of all bodies
         self._robots: dict[str, Robot] = {}
         self._seen: dict[str, Seen] = {}
-        self._known: OrderedDict[tuple, None] = OrderedDict()
-        self._candidates: list[FirstObservation] = []
+        self._memory = ObservationMemory(self._library)
         self._numbers: dict[str, int] = {}  # of objects without an id, by model
         self._surroundings: tuple[int, Environment] = -1, Environment()
 
@@ -196,15 +164,16 @@ class Tracks:
                 found.append((own, read_measurement(own, settings.covariance_defaults)))
             except UncPhysicsError as error:
                 outcome.skipped[own.id] = str(error)
-        found = self._without_duplicates(stamp, found, outcome)
-        if not found:
+        new = self._memory.new(stamp, found)
+        outcome.duplicates = len(found) - len(new)
+        if not new:
             return outcome
         if self._tracker is not None and stamp < self._observed - 1e9 * settings.tracking_window:
             outcome.is_too_late = True
             return outcome
         self._follow_environment(settings)
         self._change()
-        seen, born = self._associated(stamp, found, named, settings, outcome.skipped)
+        seen, born = self._associated(stamp, new, named, settings, outcome.skipped)
         seen |= self._added(stamp, born, settings, outcome)
         if seen:
             tracker: Any = self._tracker  # which new objects may have begun
@@ -225,7 +194,7 @@ class Tracks:
         self._seen[name] = Seen(newest, float(report.distance[name]), old.rejections + rejected)
 
     def advance(self, stamp: int, settings: Settings) -> None:
-        """Go on to a time [ns] without observations; late ones may still arrive within the window."""
+        """Advance to a time [ns] without observations; late ones may still arrive within the window."""
         if self._tracker is None or stamp <= self._stamp:
             return
         self._follow_environment(settings)
@@ -300,7 +269,7 @@ class Tracks:
         other = copy.copy(self)
         for name in ("_states", "_models", "_robots", "_seen"):
             setattr(other, name, dict(getattr(self, name)))
-        other._known, other._candidates, other._ahead = OrderedDict(), [], None
+        other._memory, other._ahead = ObservationMemory(self._library), None
         newest = self._tracker if self._ahead is None else self._ahead
         if newest is not None:
             other._tracker = newest.fork()
@@ -404,20 +373,6 @@ class Tracks:
 
     # -- association -------------------------------------------------------------------------------
 
-    def _without_duplicates(self, stamp, found, outcome):
-        """Return observations that have not arrived before."""
-        new = []
-        for own, measurement in found:
-            key = stamp, own.id, own.model, measurement.pose.tobytes()
-            if key in self._known:
-                outcome.duplicates += 1
-                continue
-            self._known[key] = None
-            if len(self._known) > _REMEMBERED:
-                self._known.popitem(last=False)
-            new.append((own, measurement))
-        return new
-
     def _associated(self, stamp, found, named, settings, skipped):
         """Return measurements of tracked objects by id, and those of new ones with their states."""
         seen: dict[str, PoseMeasurement] = {}
@@ -437,7 +392,7 @@ class Tracks:
                 seen[own.id] = measurement
         if not loose:
             return seen, born
-        places = [_place(own.model, measurement) for own, measurement in loose]
+        places = [Place.of(own.model, measurement) for own, measurement in loose]
         expected = self._expected(stamp, [name for name in self._states if name not in seen])
         pairs = assign(list(expected.values()), places, settings.association_distance)
         names = list(expected)
@@ -446,14 +401,14 @@ class Tracks:
         paired = {j for _, j in pairs}
         there = {
             **expected,
-            **{name: _place(self._states[name].model, measurement) for name, measurement in seen.items()},
+            **{name: Place.of(self._states[name].model, measurement) for name, measurement in seen.items()},
         }
         for j, (own, measurement) in enumerate(loose):
             if j in paired:
                 continue
-            if (other := self._second_of(places[j], there)) is not None:
+            if (other := self._memory.same_object(places[j], there)) is not None:
                 skipped[own.id] = f"is a second observation of '{other}'"
-            elif self._is_confirmed(places[j], stamp, settings.association_distance):
+            elif self._memory.confirms(places[j], stamp, settings.association_distance):
                 name = own.id if own.id in named else None
                 born[self._new_name(own.model, name, born)] = own, measurement
         return seen, born
@@ -471,32 +426,9 @@ class Tracks:
         found = {}
         for row, b in enumerate(scene.moving.tolist()):
             if (name := scene.bodies[b].name) in names:
-                P = there.blocks[row][_OF_POSITION, _OF_POSITION]
+                P = there.blocks[row][OF_POSITION, OF_POSITION]
                 found[name] = Place(self._models[name], there.mean[b, POSITION], P)
         return found
-
-    def _second_of(self, place, others):
-        """Return the object that an observation is inside of, as no other of its model can be."""
-        shape = self._library.shape(place.model)
-        nearest = 0.5 * smallest_extent(shape.centers, shape.radii)
-        for name, other in others.items():
-            apart = float(np.linalg.norm(place.position - other.position))
-            if place.model == other.model and apart < nearest:
-                return name
-        return None
-
-    def _is_confirmed(self, place, stamp, farthest):
-        """Whether an observation is the second one of a new object; otherwise it is kept as the first."""
-        self._candidates = [
-            one for one in self._candidates if abs(stamp - one.stamp) < 1e9 * _CONFIRMED_WITHIN
-        ]
-        for k, (other, first) in enumerate(self._candidates):
-            apart = np.linalg.norm(place.position - other.position)
-            if other.model == place.model and first != stamp and apart <= farthest:
-                del self._candidates[k]
-                return True
-        self._candidates.append(FirstObservation(place, stamp))
-        return False
 
     def _new_name(self, model, given, born):
         taken = {*self._states, *self._robots, *born}
@@ -547,7 +479,7 @@ class Tracks:
         return {name: born[name][1] for name in added}
 
     def _resolved(self, state, settings):
-        """Return an object with the number of spheres that it has among others, also while it is alone."""
+        """Return an object with the number of spheres that it would have among other objects."""
         if not state.model or state.spheres:
             return state
         default = AUTO if settings.integrator == "implicit" else None
@@ -575,7 +507,7 @@ class Tracks:
         try:
             symmetry = _symmetry(self._models[state.id], settings)
             self._tracker.add(read.scene.bodies[0], belief, symmetry)
-        except NotSupportedError:  # it brings uncertain parameters, such as friction where there was none
+        except NotSupportedError:  # it has uncertain parameters
             self._rebuild(settings, state)
         return True
 
@@ -611,7 +543,7 @@ class Tracks:
         settings : Settings
         skipped : dict of str
         known_of : callable, optional
-            Takes what the states say, a Belief, and the names of the moving bodies; returns another Belief.
+            Takes the belief of the states and the names of the moving bodies; returns another belief.
         """
         message = SceneMessage(objects=states)
         self._surroundings = self._environment.version, self._environment.complete(message).environment
@@ -691,46 +623,10 @@ class Tracks:
                 self._rebuild(settings)
 
     def _begin_anew(self):
-        """Forget all objects, and keep what the robot does."""
+        """Forget all objects, and keep the paths of the robot."""
         robots, models = self._robots, self._models
         self.clear()
         self._robots, self._models = robots, models
-
-
-def assign(expected: Sequence[Place], observed: Sequence[Place], farthest: float) -> list[tuple[int, int]]:
-    """Return the most likely pairs of an expected place and an observed one, as indices.
-
-    Parameters
-    ----------
-    expected, observed : sequence of Place
-    farthest : float
-        Largest distance of a pair [m].
-
-    Raises
-    ------
-    NotSupportedError
-        Without SciPy.
-
-    Notes
-    -----
-    As many pairs as possible are found. Among them, the sum of ``d^2 + log det S`` is least, where ``d`` is
-    the Mahalanobis distance and ``S`` the sum of both covariances (the Hungarian method).
-    """
-    if not expected or not observed:
-        return []
-    costs = np.full((len(expected), len(observed)), _FORBIDDEN)
-    for i, own in enumerate(expected):
-        for j, other in enumerate(observed):
-            apart = own.position - other.position
-            if own.model == other.model and np.linalg.norm(apart) <= farthest:
-                S = own.covariance + other.covariance
-                costs[i, j] = apart @ np.linalg.solve(S, apart) + np.linalg.slogdet(S)[1]
-    try:
-        from scipy.optimize import linear_sum_assignment
-    except ImportError:
-        raise NotSupportedError("by distance needs SciPy: pip install scipy", field="association") from None
-    rows, columns = linear_sum_assignment(costs)
-    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if costs[i, j] < _FORBIDDEN]
 
 
 def warm_up_tracker(scene: Scene, belief: Belief, _propagator: object, horizon: float) -> None:
@@ -763,8 +659,3 @@ def _first_pose(body):
     """Return the belief about a prescribed body at the start of its path."""
     state = body.trajectory.states[0]
     return BodyBelief(position=state[POSITION], orientation=state[QUATERNION])
-
-
-def _place(model, measurement):
-    P = measurement.covariance[_OF_POSITION, _OF_POSITION]
-    return Place(model, measurement.pose[POSITION], P)
