@@ -46,65 +46,78 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     body frame.
     """
     world = scene.world
-    b, bodies, tilts = world.bodies, scene.bodies, {}
-    mass, inertia, inverse_mass, inverse_inertia = b.mass, b.inertia, b.inverse_mass, b.inverse_inertia
-    if any(parameter.name == "mass" for parameter in scene.uncertain):
-        mass, inertia, inverse_mass, inverse_inertia = (
-            constant.copy() for constant in (mass, inertia, inverse_mass, inverse_inertia)
-        )
-    radius, tree, gravity, stiffness, tilt = b.radius, world.tree, world.gravity, world.stiffness, np.zeros(2)
+    stiffness, tilt, element_tilts = world.stiffness, np.zeros(2), {}
     for parameter, value in zip(scene.uncertain, z, strict=True):
-        name, k = parameter.name, parameter.body
-        if name == "mass":
-            factor = np.exp(value * parameter.std / bodies[k].mass)
+        if parameter.name == "stiffness":
+            stiffness = float(stiffness * np.exp(value * parameter.std / stiffness))
+        elif parameter.name == "gravity_direction":
+            tilt[parameter.axis] = value * parameter.std
+        elif parameter.name == "surface_tilt":
+            element = parameter.body - len(scene.bodies)
+            element_tilts.setdefault(element, np.zeros(3))[parameter.axis] = value * parameter.std
+    tree, radius = world.tree, world.bodies.radius
+    offsets = center_offsets(scene, z[None])[0]
+    if len(offsets):
+        tree, radius = _shifted_trees(scene, offsets)
+    return world._replace(
+        bodies=_varied_bodies(scene, z, radius),
+        tree=tree,
+        gravity=_tilted(world.gravity, tilt) if tilt.any() else world.gravity,
+        stiffness=stiffness,
+        environment=_varied_environment(scene, z, element_tilts),
+        implicit=_varied_implicit(scene, z, tree, offsets),
+    )
+
+
+def _varied_bodies(scene, z, radius):
+    """Return the world's bodies with varied masses, and with their ``radius`` (B,)."""
+    own = scene.world.bodies
+    factors = [
+        (parameter.body, np.exp(value * parameter.std / scene.bodies[parameter.body].mass))
+        for parameter, value in zip(scene.uncertain, z, strict=True)
+        if parameter.name == "mass"
+    ]
+    if factors:
+        mass, inertia = own.mass.copy(), own.inertia.copy()
+        inverse_mass, inverse_inertia = own.inverse_mass.copy(), own.inverse_inertia.copy()
+        for k, factor in factors:
             inverse_mass[k] /= factor
             inverse_inertia[k] /= factor
             mass[k] *= factor
             inertia[k] *= factor
-        elif name == "stiffness":
-            stiffness = float(stiffness * np.exp(value * parameter.std / stiffness))
-        elif name == "gravity_direction":
-            tilt[parameter.axis] = value * parameter.std
-        elif name == "surface_tilt":
-            tilts.setdefault(k - len(bodies), np.zeros(3))[parameter.axis] = value * parameter.std
-    if tilt.any():
-        gravity = _tilted(gravity, tilt)
-    offsets = center_offsets(scene, z[None])[0]
-    if len(offsets):
-        tree, radius = _shifted_trees(scene, offsets)
-    own = b
-    if mass is not b.mass or radius is not b.radius:
-        own = b._replace(
-            mass=mass,
-            inertia=inertia,
-            inverse_mass=inverse_mass,
-            inverse_inertia=inverse_inertia,
-            radius=radius,
+        own = own._replace(
+            mass=mass, inertia=inertia, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia
         )
-    implicit = world.implicit
-    if implicit is not None:
-        friction, restitution = vary_materials(scene, z)
-        implicit = implicit._replace(friction=friction, restitution=restitution)
-        if len(offsets):
-            some, shift = implicit.hull_sphere, np.concatenate([offsets, np.zeros_like(offsets)], axis=1)
-            hull = hull_columns(tree.centers, tree.radii, some)
-            implicit = implicit._replace(hull=hull, extent=implicit.extent - shift, box=implicit.box - shift)
-    environment = world.environment
-    if tilts and environment is not None:
+    return own if radius is own.radius else own._replace(radius=radius)
+
+
+def _varied_implicit(scene, z, tree, offsets):
+    """Return the constants of the implicit step with varied materials and shifted hulls."""
+    implicit = scene.world.implicit
+    if implicit is None:
+        return None
+    friction, restitution = vary_materials(scene, z)
+    implicit = implicit._replace(friction=friction, restitution=restitution)
+    if len(offsets):
+        shift = np.concatenate([offsets, np.zeros_like(offsets)], axis=1)
+        hull = hull_columns(tree.centers, tree.radii, implicit.hull_sphere)
+        implicit = implicit._replace(hull=hull, extent=implicit.extent - shift, box=implicit.box - shift)
+    return implicit
+
+
+def _varied_environment(scene, z, element_tilts):
+    """Return the environment with tilted elements and varied actions."""
+    environment = scene.world.environment
+    if environment is None:
+        return None
+    if element_tilts:
         R = environment.R.copy()
-        for e, turn in tilts.items():
+        for e, turn in element_tilts.items():
             R[e] = R[e] @ rotation_matrix(np.array(exp(*turn)))
         environment = environment._replace(R=R)
-    if environment is not None and scene.acts:
+    if scene.acts:
         environment = environment._replace(actions=vary_actions(scene, environment.actions, z))
-    return world._replace(
-        bodies=own,
-        tree=tree,
-        gravity=gravity,
-        stiffness=stiffness,
-        environment=environment,
-        implicit=implicit,
-    )
+    return environment
 
 
 def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
