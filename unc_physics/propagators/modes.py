@@ -18,9 +18,9 @@ _SMALL = 0.01  # spread of an ignored coordinate [body radii, rad]
 #: Least gap between two modes: the distance over the sum of their standard deviations along it. Halves of a
 #: uniform distribution have 1.7, of a normal distribution 1.3.
 _APART = 2.2
-#: Allowances for few rollouts, over the root of their number and, below a hundred, over their number: a dozen
-#: of a normal distribution in six coordinates have up to 6.0.
-_BY_CHANCE, _BY_CHANCE_OF_FEW = 5.0, 50.0
+#: Allowances for few rollouts, over the root of their number and, below fifty, over their number. In six
+#: coordinates the gap of a dozen normal rollouts exceeds 4.1 in one case of twenty.
+_BY_CHANCE, _BY_CHANCE_OF_FEW = 5.0, 35.0
 _FEWEST, _LEAST = 3, 0.05  # rollouts in a mode, and its share of the part that it is split from
 #: Gap in any coordinate below which two modes of many rollouts are joined; the parts of an oblique cut have
 #: 1.27.
