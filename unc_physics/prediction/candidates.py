@@ -34,7 +34,7 @@ class Candidate(NamedTuple):
     belief: Belief
 
 
-class Failed(Exception):
+class CandidateError(Exception):
     """Error of one candidate, by its index; the others may be valid."""
 
     def __init__(self, candidate: int, error: UncPhysicsError):
@@ -90,7 +90,7 @@ class CandidateRollouts:
         self._propagator, self._marks, self._success, self._budget = propagator, marks, success, budget
         self._scenes, self._beliefs = [], []
         for k, candidate in enumerate(candidates):
-            with Failed.of(k):
+            with CandidateError.of(k):
                 self._scenes.append(with_stiffness(candidate.scene, candidate.belief.mean))
                 self._beliefs.append(constrain_belief(self._scenes[k], candidate.belief))
         # of each: the carry at time 0, and those after the marks
@@ -125,7 +125,7 @@ class CandidateRollouts:
         def begin():
             carries = []
             for k, first in zip(following.actions, counts, strict=True):
-                with Failed.of(k):
+                with CandidateError.of(k):
                     scene, belief = self._scenes[k], self._beliefs[k]
                     carries.append(self._propagator.init_rollouts(scene, belief, first, following.rollouts))
             return carries
@@ -162,7 +162,7 @@ class CandidateRollouts:
         first, *later = self._carries[k]
         scene, given = self._scenes[k], self.candidates[k].belief
         own = replace(self._propagator, samples=len(first.states))
-        with Failed.of(k):
+        with CandidateError.of(k):
             snapshots = tuple(
                 snapshot(own, scene, carry, mark) for carry, mark in zip(later, self._marks, strict=True)
             )

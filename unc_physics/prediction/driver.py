@@ -34,7 +34,7 @@ from .snapshot import Snapshot
 _OUTCOMES_AT_ONCE = 8192  # outcomes of several times in which events are evaluated together
 
 
-class Run(NamedTuple):
+class PropagationResult(NamedTuple):
     """Result of propagating a belief.
 
     Attributes
@@ -138,7 +138,7 @@ def run(
     compute_budget: ComputeBudget,
     progress: Callable[[int, int], object] | None = None,
     events: Sequence[Event] = (),
-) -> Run:
+) -> PropagationResult:
     """Propagate a belief to all marks; the arguments are already checked.
 
     Anytime propagators add rollouts until the probabilities of ``events`` are accurate enough at all marks.
@@ -148,7 +148,7 @@ def run(
     DivergedError
         If a belief is not finite.
     UncPhysicsError
-        As `simulate`. The ``prediction`` of the error is the `Run` to the time reached, or None.
+        As `simulate`; its ``prediction`` is the `PropagationResult` to the time reached, or None.
     """
     return _Propagation(scene, given, propagator, marks, compute_budget, events).run(progress)
 
@@ -178,7 +178,7 @@ class _Propagation:
         self._first: Any = None  # carry at time 0
 
     def run(self, progress):
-        """Return the `Run`."""
+        """Return the `PropagationResult`."""
         scene = self._scene
         propagator: Any = self._propagator
         runner = self._runner(self._marks)
@@ -221,10 +221,10 @@ class _Propagation:
         return self._propagator
 
     def _result(self, runner, waiting):
-        """Return the `Run` with the snapshots of the carries that waited."""
+        """Return the `PropagationResult` with the snapshots of the carries that waited."""
         self._snapshots.extend(_snapshots_of(self._propagator, self._scene, waiting))
         start = belief_at_start(runner, self._scene, self._first, self._initial)
-        return Run(self._initial, start, tuple(self._snapshots), self._points_history)
+        return PropagationResult(self._initial, start, tuple(self._snapshots), self._points_history)
 
     def _with_additional_rollouts(self, waiting):
         """Add rollouts to the carries until the propagator needs no more, or time is up.

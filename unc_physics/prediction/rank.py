@@ -19,7 +19,7 @@ from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .actions import Action, apply_action
-from .candidates import Candidate, CandidateRollouts, Failed
+from .candidates import Candidate, CandidateError, CandidateRollouts
 from .events import Event
 from .prediction import Prediction
 from .probability import sample_outcomes
@@ -224,7 +224,7 @@ def rank(
             max_computation_time=max_computation_time,
             progress=progress,
         )
-    except Failed as failed:
+    except CandidateError as failed:
         error = failed.error
         field = f"actions[{candidates[failed.candidate].name!r}]" + (
             f": {error.field}" if error.field else ""
@@ -246,7 +246,7 @@ def rank_candidates(
 ) -> Ranking:
     """Rank scenes and beliefs by their names, as `rank`, with a Monte Carlo propagator.
 
-    Raises `Failed` with the error of a candidate, and otherwise an `UncPhysicsError`.
+    Raises `CandidateError` with the error of a candidate, and otherwise an `UncPhysicsError`.
     """
     count, rollouts = len(candidates), propagator.samples
     usual = max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
@@ -258,7 +258,7 @@ def rank_candidates(
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     marks = None
     for k, candidate in enumerate(candidates):
-        with Failed.of(k):
+        with CandidateError.of(k):
             score.check(candidate.scene, "score")
             check_supported(candidate.scene, propagator)
             own = marks_of(candidate.scene, horizon, times)

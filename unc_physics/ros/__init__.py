@@ -1,6 +1,15 @@
 """ROS 2 node with predictions as services, streams and actions, and a `Client`.
 
 Only this part of the package imports rclpy.
+
+- Node: `node` and `lifecycle_node` hold a `server`, which reads requests, predicts, and opens the interfaces
+  of `services`, `candidates`, `long_prediction`, `environment`, `models`, `streams` and `tracking`.
+  `parameters` are its settings.
+- Streams: `scene_topics` and `detected` (input), `stream_pace`, `markers` (output).
+- Tracking: `tracks` keeps objects and their beliefs, `association` matches observations with them.
+- Messages: `messages` has a module for each message, for both directions.
+- Client: `client` with `connection` and `newest_message`.
+- Programs: `demo`, `replay`, `view_node`.
 """
 
 from __future__ import annotations

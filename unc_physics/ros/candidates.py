@@ -22,7 +22,7 @@ from ..checks.errors import (
     UncPhysicsError,
 )
 from ..checks.names import hint
-from ..prediction.candidates import Candidate, Failed
+from ..prediction.candidates import Candidate, CandidateError
 from ..prediction.rank import rank_candidates
 from ..propagators.names import REFERENCE
 from .messages.fields import duration, write_error
@@ -128,7 +128,7 @@ class RequestedCandidates:
             try:
                 order = self._write(self._ranking([*jobs.values()], time_limit), jobs)
                 break
-            except Failed as failed:  # rank the others without it
+            except CandidateError as failed:  # rank the others without it
                 k = [*jobs][failed.candidate]
                 jobs.pop(k)
                 write_error(self.entries[k].result, failed.error)

@@ -40,7 +40,14 @@ from .messages.actions import group_actions, write_actions
 from .messages.query import MARGINALS_ONLY, RequestedOutputs
 from .messages.request import Job, check_answer
 from .messages.scene import AllSkippedError, SceneLimits, read_scene, write_joint_covariance, write_object
-from .messages.tracking import Seen, before_first, check_path, later_path, read_measurement, write_tracked
+from .messages.tracking import (
+    ObservationRecord,
+    before_first,
+    check_path,
+    later_path,
+    read_measurement,
+    write_tracked,
+)
 from .models import ModelLibrary, packing_info
 from .parameters import AXES, Settings
 
@@ -49,7 +56,7 @@ _LONGEST_GAP = 60.0
 _SEED = 1
 
 
-class Robot(NamedTuple):
+class PrescribedObject(NamedTuple):
     """Prescribed object.
 
     Attributes
@@ -67,7 +74,7 @@ class Robot(NamedTuple):
 
 
 @dataclass
-class Observed:
+class ObservationReport:
     """Result of the observations of one time.
 
     Attributes
@@ -110,8 +117,8 @@ class Tracks:
         self._epoch = self._stamp = self._observed = 0  # ns
         self._states: dict[str, ObjectState] = {}
         self._models: dict[str, str] = {}  # of all bodies
-        self._robots: dict[str, Robot] = {}
-        self._seen: dict[str, Seen] = {}
+        self._robots: dict[str, PrescribedObject] = {}
+        self._seen: dict[str, ObservationRecord] = {}
         self._memory = ObservationMemory(self._library)
         self._numbers: dict[str, int] = {}  # of objects without an id, by model
         self._surroundings: tuple[int, Environment] = -1, Environment()
@@ -134,7 +141,7 @@ class Tracks:
 
     def observe(
         self, stamp: int, objects: Sequence[ObjectState], named: Collection[str], settings: Settings
-    ) -> Observed:
+    ) -> ObservationReport:
         """Take in observations of one time.
 
         Parameters
@@ -152,7 +159,7 @@ class Tracks:
         UncPhysicsError
             If the node has no environment, or the simulation fails.
         """
-        outcome = Observed()
+        outcome = ObservationReport()
         self._environment.check_set(settings, "tracked")
         if self._tracker is not None and stamp > self._stamp + _LONGEST_GAP * 1e9:
             self._begin_anew()
@@ -191,7 +198,7 @@ class Tracks:
         outcome.rejected += rejected
         outcome.accepted += not rejected
         newest = old.stamp if rejected else max(old.stamp, stamp)
-        self._seen[name] = Seen(newest, float(report.distance[name]), old.rejections + rejected)
+        self._seen[name] = ObservationRecord(newest, float(report.distance[name]), old.rejections + rejected)
 
     def advance(self, stamp: int, settings: Settings) -> None:
         """Advance to a time [ns] without observations; late ones may still arrive within the window."""
@@ -218,7 +225,7 @@ class Tracks:
         grouped = group_actions(actions, {*given, *self._robots})
         for k, action in enumerate(actions):
             check_path(action, f"actions[{k}]")
-        robots: dict[str, tuple[Robot, str]] = {}
+        robots: dict[str, tuple[PrescribedObject, str]] = {}
         for name, own in grouped.items():
             if name in self._states:
                 raise DuplicateIdError("is the id of a tracked object", field="actions", value=name)
@@ -232,7 +239,7 @@ class Tracks:
                 _limits(settings),
                 actions=[own.trajectory[1]],
             )
-            robots[name] = Robot(state, read.scene.bodies[0], stamp), read.models[0]
+            robots[name] = PrescribedObject(state, read.scene.bodies[0], stamp), read.models[0]
         self._change()
         for name, (robot, model) in robots.items():
             is_new = name not in self._robots
@@ -474,7 +481,7 @@ class Tracks:
             added = [name for name, state in states.items() if self._add(state, settings, outcome.skipped)]
         for name in added:
             self._states[name], self._models[name] = states[name], states[name].model
-            self._seen[name] = Seen(stamp)
+            self._seen[name] = ObservationRecord(stamp)
         outcome.births += len(added)
         return {name: born[name][1] for name in added}
 

@@ -44,7 +44,7 @@ _STATUSES = {getattr(TrackedObject, f"STATUS_{status.name}"): status for status 
 _CODES = {status: code for code, status in _STATUSES.items()}
 
 
-class Seen(NamedTuple):
+class ObservationRecord(NamedTuple):
     """Observations of a tracked object so far.
 
     Attributes
@@ -187,7 +187,7 @@ def later_path(body: RigidBody, delay: float) -> RigidBody:
 
 
 def write_tracked(
-    scene: Scene, belief: Belief, status: Callable[[str], TrackStatus], seen: dict[str, Seen]
+    scene: Scene, belief: Belief, status: Callable[[str], TrackStatus], seen: dict[str, ObservationRecord]
 ) -> list[TrackedObject]:
     """Return the messages of a tracker's moving bodies, in the order of the scene; without their models."""
     origins = np.array([writable(body.model.origin) for body in scene.bodies])
@@ -197,7 +197,7 @@ def write_tracked(
         name = scene.bodies[b].name
         message = TrackedObject(id=name, status=_CODES[status(name)])
         message.covariance = packed(write_state(message, means[b], blocks[row]))
-        own = seen.get(name, Seen())
+        own = seen.get(name, ObservationRecord())
         message.last_seen = stamp_of(own.stamp)
         message.distance, message.rejections = own.distance, own.rejections
         found.append(message)
