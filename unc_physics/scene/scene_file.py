@@ -286,12 +286,7 @@ def _body(content, field, models_dir, folder, spheres, meets):
     ``spheres`` and ``meets`` are arguments of `load_shape`, the first one if the file gives no other.
     """
     check_keys(content, _BODY_KEYS, field)
-    for key in ("name",) if "shape" in content else ("name", "model"):
-        if not isinstance(content.get(key), str) or not content[key]:
-            other = ", or give a shape" if key == "model" else ""
-            raise InvalidRequestError(
-                f"must be a non-empty text{other}", field=f"{field}.{key}", value=content.get(key)
-            )
+    _check_texts(content, field)
     fixed = content.get("fixed", False)
     if not isinstance(fixed, bool):
         raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
@@ -307,19 +302,7 @@ def _body(content, field, models_dir, folder, spheres, meets):
     mass_std = non_negative(mass_std, f"{field}.mass_std")
     com_std = read_std(com_std, f"{field}.center_of_mass_std")
     if fixed:
-        try:
-            at_field(field, belief.check_fixed)
-        except InvalidRequestError as error:
-            if content.get("covariance") is None:
-                raise
-            raise InvalidRequestError(
-                "must be zero or absent: the body is fixed", field=f"{field}.covariance"
-            ) from error
-        for key, values in (("mass_std", mass_std), ("center_of_mass_std", com_std)):
-            if np.any(values):
-                raise InvalidRequestError(
-                    "must be zero or absent: the body is fixed", field=f"{field}.{key}", value=content[key]
-                )
+        _check_fixed(content, field, belief, {"mass_std": mass_std, "center_of_mass_std": com_std})
     given = content.get("spheres")
     spheres = spheres if given is None else given
     if "shape" in content:
@@ -350,6 +333,30 @@ def _body(content, field, models_dir, folder, spheres, meets):
     belief = belief.at_center_of_mass(model.origin)
     state = belief.state if trajectory is None else trajectory.states[0]
     return body, state, belief.covariance
+
+
+def _check_texts(content, field):
+    """Raise an error for a body without a name, or without a model and a shape."""
+    for key in ("name",) if "shape" in content else ("name", "model"):
+        if not isinstance(content.get(key), str) or not content[key]:
+            other = ", or give a shape" if key == "model" else ""
+            raise InvalidRequestError(
+                f"must be a non-empty text{other}", field=f"{field}.{key}", value=content.get(key)
+            )
+
+
+def _check_fixed(content, field, belief, stds):
+    """Raise an error for a belief or standard deviations that a fixed body cannot have."""
+    problem = "must be zero or absent: the body is fixed"
+    try:
+        at_field(field, belief.check_fixed)
+    except InvalidRequestError as error:
+        if content.get("covariance") is None:
+            raise
+        raise InvalidRequestError(problem, field=f"{field}.covariance") from error
+    for key, values in stds.items():
+        if np.any(values):
+            raise InvalidRequestError(problem, field=f"{field}.{key}", value=content[key])
 
 
 def _primitive(content, field, spheres, meets):
