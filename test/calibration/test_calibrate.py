@@ -19,12 +19,12 @@ FIT = ("friction", "restitution", "impact_direction_std", "position_noise", "rot
 
 @pytest.fixture(scope="module")
 def motions():
-    return throws(TRUE, 20)
+    return throws(TRUE, 16)
 
 
 @pytest.fixture(scope="module")
 def found(motions):
-    return calibrate(motions, scene(), FIT, samples=16, evaluations=40, seed=0)
+    return calibrate(motions, scene(), FIT, samples=16, evaluations=22, seed=0)
 
 
 def test_parameters_come_back(found):
