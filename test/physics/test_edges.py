@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from plain_scenes import G, run, state, turned
+from scipy.integrate import solve_ivp
 from scipy.spatial import ConvexHull
 
 from unc_physics import (
@@ -124,6 +125,51 @@ def test_a_box_tips_about_an_edge_with_its_energy_kept(dt):
         assert kinetic == pytest.approx(G * (0.03 - end[2]), rel=0.03)
         up, along = (np.sin(tilt), np.cos(tilt)), (np.cos(tilt), -np.sin(tilt))
         np.testing.assert_allclose([up @ end[[0, 2]], along @ end[[0, 2]]], [0.03, 0.01], atol=2e-4)
+
+
+def pitch_off_an_edge(speed, friction, half, low, inertia):
+    """Time and pitch rate of a box when it has slid off an edge, by the equations of a rigid body.
+
+    Its friction shifts the load ahead, so it begins to tip before its centre of mass is over the edge, by
+    ``friction * low``. There it has this ``speed``. ``half`` is half its length, ``low`` the height of its
+    centre of mass, ``inertia`` that about the pitch axis, per unit mass.
+    """
+
+    def motion(_, y):
+        """Rate of change of place, tilt and their rates, load per mass, and way past the edge."""
+        tilt, v, w = y[2], y[3:5], y[5]
+        along, up = np.array([np.cos(tilt), -np.sin(tilt)]), np.array([np.sin(tilt), np.cos(tilt)])
+        force, beyond = up - friction * along, along @ y[:2]
+        turn = (y[0] * force[1] - y[1] * force[0]) / inertia
+        load = (low * w**2 - 2.0 * w * (along @ v) + G * up[1]) / (beyond * turn + up @ force)
+        return np.concatenate([y[3:], load * force - (0.0, G), [load * turn]]), load, beyond
+
+    def is_off(t, y):
+        return min(motion(t, y)[1], half - motion(t, y)[2])
+
+    is_off.terminal = True
+    start = [-friction * low, low, 0.0, speed, 0.0, 0.0]
+    found = solve_ivp(lambda t, y: motion(t, y)[0], (0.0, 2.0), start, events=is_off, rtol=1e-9, atol=1e-11)
+    return found.t[-1], found.y[5, -1]
+
+
+@pytest.mark.parametrize("dt, tolerance", [(1 / 240, 0.05), (1 / 1000, 0.01)])
+@pytest.mark.parametrize("speed", [1.3, 2.0])
+@pytest.mark.parametrize("count", [300, 1000])
+def test_a_box_slides_off_an_edge(count, speed, dt, tolerance):
+    """With the pitch rate of a rigid box."""
+    model, friction, way = load_model("salt_box").prefix(count), 0.3, 0.03
+    half = (model.centers[:, 0] + model.radii).max()
+    low = (model.radii - model.centers[:, 2]).max()
+    way -= friction * low
+    start = np.sqrt(speed**2 + 2.0 * friction * G * way)
+    time, rate = pitch_off_an_edge(speed, friction, half, low, model.inertia[1, 1])
+    body = RigidBody("box", model, 0.5, friction=friction, restitution=0.0)
+    table = Box((0.4, 0.6, 0.02), (-0.2, 0.0, -0.01), friction=friction)
+    scene = Scene.everyday([body], exact=True, environment=[table], dt=dt)
+    x = state((-way - friction * low, 0, low), (start, 0, 0))
+    x = run(scene, x, time + (start - speed) / (friction * G) + 0.05)[0]
+    assert x[11] == pytest.approx(rate, rel=tolerance)
 
 
 @STEPS

@@ -200,6 +200,25 @@ def test_a_can_rolls_down_an_incline(count, degrees):
     assert down_an_incline(count, degrees) == pytest.approx(1.0, abs=0.03)
 
 
+# -- spinning on a face ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("count", [300, 600])
+@pytest.mark.parametrize("name", ["can", "salt_box", "disc"])
+def test_spin_on_a_floor_ends_as_on_the_outline_of_the_face(name, count, dt):
+    """Friction has the torque ``mu m g r``, where r is the distance of the face's rim, or of its corners."""
+    whole = primitive_model("cylinder", radius=0.05, length=0.02) if name == "disc" else load_model(name)
+    model = whole.prefix(count)
+    bodies = [RigidBody("b", model, 0.5)]
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()], friction=0.5, dt=dt)
+    x = run(scene, state((0, 0, -lowest(model)), spin=(0, 0, 20)), 0.05)[0]
+    touching = model.centers[:, 2] - model.radii < lowest(model) + 1e-5
+    r = np.linalg.norm(model.centers[touching, :2], axis=1).max()
+    assert (20 - x[12]) / 0.05 == pytest.approx(0.5 * G * r / model.inertia[2, 2], rel=5e-3)
+    assert r == pytest.approx({"can": 0.037, "salt_box": 0.045, "disc": 0.05}[name], rel=0.02)
+
+
 # -- sliding of packings on each other ---------------------------------------------------------------
 
 

@@ -602,7 +602,7 @@ def rolling_contacts(scene, contacts, before, x, J, lead, lowest, h):
         w = 0.25 * before[c.i, W] + 0.75 * x[c.i, W]
         across = w - (w @ n) * n
         size = h * np.linalg.norm(across)
-        if c.j >= 0 or lead[k] != lowest[k] or scene.dt / h * size <= TURNED:
+        if c.j >= 0 or c.b > 0 or lead[k] != lowest[k] or scene.dt / h * size <= TURNED:
             continue
         ahead, axis = np.cross(across, n) / np.linalg.norm(across), w / np.linalg.norm(w)
         known, radius = anchors.setdefault(lowest[k], []), body.model.bounding_radius

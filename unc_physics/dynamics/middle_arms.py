@@ -101,7 +101,7 @@ def push_in_the_middle(h, fall, world, work):
             rate = dot(three(work.velocity[FREE], i, 3), cross(along, n))
             farthest = min(_FARTHEST * dot(turn, cross(n, along)), _WIDTH) * world.bodies.radius[i]
             for c in range(first, last):
-                if rows[c, LEAD] != lead:
+                if rows[c, LEAD] != lead or ids[c, 3] > 0:  # an edge of the element does not roll off spheres
                     continue
                 _find_places(c, first, n, turn, i, world, work)
                 least, places = rows[c, LEAST], triple(rows[c], PLACES)
