@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from throws import scene, throws
+from throws import everyday, scene, throws
 
 from unc_physics import Plane, UncPhysicsError, calibrate, load_scene, save_packing
 from unc_physics.__main__ import main
-from unc_physics.calibration.adjustable import Model, adjustables, chosen, with_values
+from unc_physics.calibration.adjustable import Model, adjustables, chosen, fitted_by_default, with_values
 from unc_physics.calibration.objective import Objective, recorded
 from unc_physics.calibration.snippet import as_scene_file, as_table
 
@@ -67,6 +67,14 @@ def test_standard_deviations_cover_the_truth():
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.7 and np.abs(z).max() < 4.0
     assert 0.75 <= np.mean(np.abs(z) < 2.0)
     assert (np.median(stds, axis=0) < 0.2).all()
+
+
+def test_laws_that_the_scene_lacks_are_not_fitted():
+    laws = {"impact_friction_speed", "impact_direction_std", "impact_point_std", "impact_friction_std"}
+    exact = scene()
+    assert set(fitted_by_default(everyday())) - set(fitted_by_default(exact)) == laws
+    assert set(fitted_by_default(replace(exact, impact_point_std=1e-3))) & laws == {"impact_point_std"}
+    assert {"friction", "friction_std", "restitution_std"} <= set(fitted_by_default(exact))
 
 
 def test_a_wrong_model_is_noticed(motions):

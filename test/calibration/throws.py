@@ -15,6 +15,11 @@ def scene(inertia=None, **physics):
     return Scene.everyday([body], exact=True, **({"environment": [Plane(name="table")]} | physics))
 
 
+def everyday(**physics):
+    """The same with the impacts of the preset: friction that falls with their speed, and their errors."""
+    return Scene.everyday([RigidBody("box", BOX, 0.3)], environment=[Plane(name="table")], **physics)
+
+
 def throws(of, count, seed=0, dt=1 / 120, poses=84, noise=NOISE):
     """Motions of a scene's box, thrown at random."""
     rng, found = np.random.default_rng(seed), []

@@ -12,7 +12,7 @@ import numpy as np
 from ..checks.errors import InvalidOptionError
 from ..checks.names import one_of
 from ..scene.environment import Plane
-from ..scene.scene import Scene
+from ..scene.scene import IMPACT_STDS, Scene
 from .flight import moving_body
 
 #: Inertia of everyday objects over that of a solid one: a thin shell has 1.67.
@@ -205,7 +205,7 @@ def adjustables(scene: Scene) -> dict[str, Adjustable]:
     return {one.name: one for one in known}
 
 
-#: What is fitted where nothing is said.
+#: Names of all that can be fitted.
 DEFAULT = (
     "friction",
     "restitution",
@@ -221,6 +221,19 @@ DEFAULT = (
     "position_noise",
     "rotation_noise",
 )
+
+
+#: Laws of impacts that a scene may lack.
+_IMPACT_LAWS = ("impact_friction_speed", *IMPACT_STDS)
+
+
+def fitted_by_default(scene: Scene) -> list[str]:
+    """Return the names of `DEFAULT` without the laws of impacts that a scene lacks, as an exact one does.
+
+    Friction of a scene without ``impact_friction_speed`` does not depend on the closing speed. A prior about
+    3 m/s would bias it.
+    """
+    return [name for name in DEFAULT if name not in _IMPACT_LAWS or getattr(scene, name)]
 
 
 def chosen(scene: Scene, names: Sequence[str]) -> list[Adjustable]:

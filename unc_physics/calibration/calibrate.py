@@ -13,7 +13,7 @@ import numpy as np
 from ..checks.errors import NotSupportedError
 from ..checks.validation import integer
 from ..scene.scene import Scene
-from .adjustable import DEFAULT, Adjustable, Model, chosen
+from .adjustable import Adjustable, Model, chosen, fitted_by_default
 from .flight import FlightStart, flight_gravity, pose_noise
 from .motions import Motion
 from .objective import DRAWS, TIMES, Objective, Recorded, Scores, Simulator, recorded, simulated
@@ -118,7 +118,7 @@ class Calibration:
 def calibrate(
     motions: Sequence[Motion],
     scene: Scene,
-    fit: Sequence[str] = DEFAULT,
+    fit: Sequence[str] | None = None,
     *,
     times: Sequence[float] = TIMES,
     samples: int | None = None,
@@ -138,8 +138,9 @@ def calibrate(
     motions : sequence of Motion
     scene : Scene
         One body and its surroundings, with the implicit integrator; its values are the medians of the priors.
-    fit : sequence of str
-        Names of what is fitted (`adjustable.adjustables`).
+    fit : sequence of str, optional
+        Names of what is fitted (`adjustable.adjustables`); by default all but laws of impacts that the scene
+        lacks (`adjustable.fitted_by_default`).
     times : sequence of float
         At which predictions are scored, beside each motion's end [s].
     samples : int, optional
@@ -159,7 +160,7 @@ def calibrate(
     _require_scipy()
     if scene.integrator != "implicit":
         raise NotSupportedError("needs the implicit integrator", field="integrator", value=scene.integrator)
-    adjusted = chosen(scene, fit)
+    adjusted = chosen(scene, fitted_by_default(scene) if fit is None else fit)
     evaluations = integer(evaluations, "evaluations", low=4 * len(adjusted))
     found = recorded(motions, scene, times)
     samples = max(4, DRAWS // len(found)) if samples is None else integer(samples, "samples", low=4)

@@ -43,7 +43,8 @@ def add_calibrate_command(commands) -> None:
         help=(
             "values to fit, of: friction, restitution, impact_friction_speed, inertia, height,"
             " impact_direction_std, impact_point_std, impact_friction_std, friction_std, restitution_std,"
-            " surface_tilt_std, position_noise, rotation_noise (default: all)"
+            " surface_tilt_std, position_noise, rotation_noise (default: all but laws of"
+            " impacts that the scene lacks)"
         ),
     )
     parser.add_argument(
@@ -91,7 +92,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Calibrate and print the result."""
     from tqdm import tqdm
 
-    from ..calibration.adjustable import DEFAULT
     from ..calibration.calibrate import EVALUATIONS, calibrate
     from ..calibration.flight import moving_body
     from ..calibration.motions import read_motions
@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = calibrate(
             motions,
             scene,
-            arguments.fit or DEFAULT,
+            arguments.fit,
             times=arguments.times or TIMES,
             samples=arguments.samples,
             evaluations=evaluations,
