@@ -477,6 +477,21 @@ def test_a_note_about_few_spheres_is_about_what_may_meet_them():
     assert few_spheres(Scene.everyday(enough, exact=True), 0) is None
 
 
+@pytest.mark.parametrize("name", ["sigma_points", "cloud", "linearization", "auto"])
+def test_a_carton_that_falls_or_stays_is_flagged(name):
+    """The scene of the README: three in ten slide off the table."""
+    table = Box((1.0, 0.6, 0.04), (0.0, 0.0, -0.02), name="table")
+    scene = Scene.everyday([RigidBody("carton", load_model("salt_box"))], environment=[table], friction=0.4)
+    own = BodyBelief(
+        position=(0.40, 0, 0.0612),
+        position_std=(0.005, 0.005, 0),
+        linear_velocity=(0.8, 0, 0),
+        linear_velocity_std=(0.08, 0.02, 0),
+    )
+    (status,) = assess(predict(scene, Belief.of(scene, {"carton": own}), name, 1.0))
+    assert status.flags & Status.MEAN_NOT_POSSIBLE and status.measures["outcomes"] >= 2.0
+
+
 def test_sigma_points_of_which_some_fall_are_flagged():
     """A brick with its middle above a table's edge: opposite points both stay, or both fall."""
     table = Box([1.0, 0.6, 0.04], [0.0, 0.0, -0.02], name="table")
