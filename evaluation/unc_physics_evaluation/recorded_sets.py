@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -166,7 +167,16 @@ def read_sets(folder: Path | str | None = None) -> dict[str, RecordedSet | PushS
     InvalidRequestError
         If there is none.
     """
-    folder = Path(folder or DATA)
+    return dict(_own_sets()) if folder is None else _read_folder(Path(folder))
+
+
+@cache
+def _own_sets():
+    """Return the sets of this package; each job asks for them, and reading them takes seconds."""
+    return _read_folder(DATA)
+
+
+def _read_folder(folder):
     if not folder.is_dir():
         raise InvalidRequestError("must be a folder of recorded motions", field="--data", value=str(folder))
     found: dict[str, RecordedSet | PushSet] = {}

@@ -96,7 +96,7 @@ def test_a_picture_that_cannot_be_written(scene, tmp_path, capsys, monkeypatch, 
 # -- Ctrl-C ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("delay", [0.05, 0.1, 0.2, 0.4])
+@pytest.mark.parametrize("delay", [0.05, 0.3])
 def test_an_early_interrupt_says_nothing_but_that(scene, delay):
     """Of what is imported before the package's own first line nothing can be said."""
     code = (
