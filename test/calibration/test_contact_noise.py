@@ -49,7 +49,7 @@ def test_noise_makes_up_for_errors_of_impacts(of_erring_impacts):
 
 
 def test_exact_impacts_need_less(of_erring_impacts):
-    exact = fitted(throws(MODEL, 8, seed=5)).noise
+    exact = fitted(throws(MODEL, 4, seed=5)).noise
     assert exact.velocity < 0.5 * of_erring_impacts.noise.velocity
 
 
