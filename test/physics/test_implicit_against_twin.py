@@ -279,6 +279,21 @@ def stacked(seed=0):
     return Stage(Scene.everyday(bodies, exact=True, gravity=None), x)
 
 
+def sliding_off(seed=0):
+    """A brick whose lower face slides over the edge of a table, at x = 0, with contacts that carried load."""
+    rng, brick = np.random.default_rng(seed), load_model("brick").prefix(300)
+    low, tilt = (brick.radii - brick.centers[:, 2]).max(), rng.uniform(0.06, 0.15)
+    turn = Rotation.from_rotvec((0, tilt, 0)) * Rotation.from_rotvec((0, 0, rng.normal(0, 0.02)))
+    spin = np.array((0.0, rng.uniform(1.5, 3.0), 0.0))
+    place = turn.apply((rng.uniform(0.03, 0.09), 0.0, low - rng.uniform(1e-5, 4e-5)))
+    x = state(place, turn.apply((1.5, 0, 0)) + np.cross(spin, place), spin, turn.as_quat())
+    body, table = RigidBody("b", brick, 0.5, restitution=0.0), Box((0.4, 0.6, 0.02), (-0.2, 0.0, -0.01))
+    stage = Stage(Scene.everyday([body], exact=True, environment=[table]), x)
+    loaded = [(c.a, c.b) for c in twin.candidates(stage.scene, stage.x, 0, -1, 0.0) if c.b > 0]
+    stage.remember(0, -1, loaded)
+    return stage, loaded
+
+
 # -- finding contacts --------------------------------------------------------------------------------
 
 
@@ -791,6 +806,21 @@ def test_the_time_of_an_impact_is_where_a_parabola_reaches_the_surface(seed, e):
     slowest = [twin.impact_speed(e, THRESHOLD)] * len(contacts)
     expected = twin.time_to_impact([c.gap for c in contacts], speeds, falls, H, slowest)
     assert first_impact(H, stage.world, stage.work) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_spheres_of_a_face_that_slides_over_an_edge_close_along_its_normal(seed):
+    """Without this rule they have an impact."""
+    stage, loaded = sliding_off(seed)
+    _, contacts = stage.find(H)
+    slowest, times = np.full(len(contacts), THRESHOLD), []
+    speeds = (twin.jacobian(contacts, stage.x) @ twin.velocities(stage.x))[::3]
+    falls, gaps = np.array([twin.fall(stage.scene, c, stage.x) for c in contacts]), [c.gap for c in contacts]
+    for known in ([], loaded):
+        rate = twin.speeds_across_edges(stage.scene, stage.x, contacts, speeds, falls, 0.0, known, THRESHOLD)
+        times.append(twin.time_to_impact(gaps, rate, falls, H, slowest))
+    assert times[0] < times[1]
+    assert first_impact(H, stage.world, stage.work) == pytest.approx(times[1], rel=1e-9)
 
 
 def cradle(e, gap):

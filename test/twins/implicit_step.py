@@ -53,6 +53,8 @@ KINDS = 10**6
 ROLL_DEPTH, ROLL_SHARE, LEAST_COMPLIANCE, BESIDE = 2e-4, 0.01, 0.7, 0.1
 #: Restitution from which on impacts act in sequence, and their slowest closing speed [m/s].
 LIVELY, LIVELY_SPEED = 0.7, 1e-3
+#: Way that an edge which lands closes in a step, above which it has an impact [m].
+LANDING = 8e-5
 
 
 class Contact(NamedTuple):
@@ -820,6 +822,31 @@ def first_closing(gaps, speeds, accelerations, h, thresholds):
         return 0.0
     left = ~closed
     return time_to_impact(start[left], begin[left], accelerations[left], h, slow[left])
+
+
+def landing_speed(dt, threshold):
+    """Return the closing speed above which an edge that lands has an impact [m/s]."""
+    return min(threshold, LANDING / dt)
+
+
+def speeds_across_edges(scene, x, contacts, speeds, falls, h, loaded, threshold):
+    """Return the normal speeds (m,) that decide on impacts, ``h`` seconds before the state ``x``.
+
+    Of a sphere of a face that slides over an edge of an element, that is at most the speed along the face's
+    normal. ``loaded`` has pairs (a, b) of the last step's contacts of this body with the element, and
+    ``speeds`` are the normal speeds at ``x``.
+    """
+    out = speeds - h * falls
+    corners = {a for a, b in loaded if b > 0}
+    for k, c in enumerate(contacts):
+        if c.j >= 0 or c.b > 0 or out[k] >= -landing_speed(scene.dt, threshold):
+            continue
+        v = x[c.i, V] + np.cross(x[c.i, W], c.point - x[c.i, P])
+        for face in faces_in_use(scene.bodies[c.i].model):
+            p = Rotation.from_quat(x[c.i, Q]).apply(face.normal)
+            if len(face.outline) and corners & set(face.touching.tolist()) and p @ c.normal < -FACING:
+                out[k] = max(out[k], -p @ v - h * falls[k])
+    return out
 
 
 def in_impact(contacts, speeds, restitution, threshold, moving):

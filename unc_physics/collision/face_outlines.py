@@ -20,7 +20,8 @@ from .implicit_workspace import CANDIDATE_GAP, CANDIDATE_NORMAL
 from .shapes import KINDS
 
 _BOX = KINDS["box"]
-_FACING = 0.95  # least cosine of the angle between one normal and the opposite of the other
+#: Least cosine of the angle between the normal of a face and the opposite of that of a face which faces it.
+FACING = 0.95
 _DEEPEST = 0.1  # largest depth, relative to the radius of the smaller body
 _SLACK = 1e-6  # distance outside an outline that counts as inside [m]
 _SAME = 1e-9  # difference of gaps [m], and of normals, of the same contact
@@ -52,7 +53,7 @@ def pair_outlines(i, j, t, found, limit, horizon, motion, kept, world, work):
         v = rotate_back(R_ij, p[0], p[1], p[2])
         for g in range(ranges[j, 0], ranges[j, 1]):
             q = faces.normal[g, 0], faces.normal[g, 1], faces.normal[g, 2]
-            if faces.corners[g] == 0 or dot(v, q) > -_FACING:
+            if faces.corners[g] == 0 or dot(v, q) > -FACING:
                 continue
             q = rotate(R_ij, q[0], q[1], q[2])
             _load_body(f, (0.0, 0.0, 0.0), _OWN, False, world, work)
@@ -167,7 +168,7 @@ def _is_faced(q, of, turned, world, work):
             p = faces.normal[f, 0], faces.normal[f, 1], faces.normal[f, 2]
             if turned:
                 p = rotate(work.R_ij, p[0], p[1], p[2])
-            if dot(p, q) < -_FACING:
+            if dot(p, q) < -FACING:
                 return True
     return False
 
@@ -194,7 +195,7 @@ def element_outlines(x, i, e, found, limit, horizon, motion, kept, world, work):
         n = rotate(R_ei, p[0], p[1], p[2])
         axis, sign = -1, 0.0
         for k in range(3):
-            if abs(n[k]) > _FACING:
+            if abs(n[k]) > FACING:
                 axis, sign = k, -math.copysign(1.0, n[k])
         if axis < 0:
             continue
@@ -299,7 +300,7 @@ def _overlap(first, count, deepest, highest, p, q, pair, limit, horizon, motion,
                 level, least = max(level, height), min(least, height)
             work.outlines[which, k, _ACROSS] = dot(e1, place)
             work.outlines[which, k, _ACROSS + 1] = dot(e2, place)
-    if level < deepest or _FACING * least > highest:  # gaps are along either normal
+    if level < deepest or FACING * least > highest:  # gaps are along either normal
         return count, deepest
     # two passes: the deepest place decides whether candidates are written
     lowest, written = math.inf, first

@@ -4,10 +4,12 @@ import math
 
 from ..collision.contact_row import DIRECTION, FALL, GAP, RESTITUTION, ROLL_RADIUS
 from ..collision.contact_simd import contact_speeds
+from ..collision.face_outlines import FACING
+from ..collision.faces import FACES_OF_A_SPHERE
 from ..collision.implicit_workspace import CONTACTS, FREE, START
 from ..compiler import inner
-from ..spatial.rotation import cross, rotate_back
-from ..spatial.vectors import dot, minus, three, triple
+from ..spatial.rotation import cross, rotate, rotate_back
+from ..spatial.vectors import dot, minus, plus, three, times, triple
 
 #: Gap below which bodies touch, and target gap of the time of an impact [m].
 TOUCHING, _AIM = 2e-5, 1e-5
@@ -66,6 +68,46 @@ def _lands(c, world, work):
 
 
 @inner
+def speed_before(c, which, h, threshold, world, work):
+    """Return the normal speed that decides on an impact of contact ``c``, ``h`` seconds before now [m/s].
+
+    Its velocities now are ``which``, and it moved freely. Spheres of a tilted face that slides over an edge
+    of an element approach the element's side, but pass the edge before they touch. Of such spheres it is at
+    most the speed along the face's normal.
+    """
+    i, j = work.ids[c, 0], work.ids[c, 1]
+    speed = contact_speeds(work.rows[c], work.velocity[which], i, j)[0] - h * work.rows[c, FALL]
+    if j < 0 and work.ids[c, 3] == 0 and work.head[i] >= 0 and speed < -landing_speed(world.dt, threshold):
+        return max(speed, _speed_along_face(c, which, world, work) - h * work.rows[c, FALL])
+    return speed
+
+
+@inner(noinline=True)
+def _speed_along_face(c, which, world, work):
+    """Return the speed of a contact's sphere against the normal of a face that slides over an edge [m/s].
+
+    Contacts of the last step with the element's edges have a sphere at a corner of the face. Without such a
+    face, the speed is infinitely negative.
+    """
+    i, j, s = work.ids[c, 0], work.ids[c, 1], work.ids[c, 2]
+    faces, R, centers = world.implicit.faces, work.R[i], world.tree.centers
+    n, best = triple(work.rows[c], DIRECTION), -math.inf
+    arm = minus(rotate(R, centers[s, 0], centers[s, 1], centers[s, 2]), times(world.tree.radii[s], n))
+    v = plus(triple(work.velocity[which, i], 0), cross(triple(work.velocity[which, i], 3), arm))
+    entry = work.head[i]
+    while entry >= 0:
+        if work.old_contact[entry, 1] == j and work.old_contact[entry, 3] > 0:
+            for k in range(FACES_OF_A_SPHERE):
+                f = faces.of_sphere[work.old_contact[entry, 2], k]
+                if f >= 0 and faces.corners[f] > 0:
+                    p = rotate(R, faces.normal[f, 0], faces.normal[f, 1], faces.normal[f, 2])
+                    if dot(p, n) < -FACING:
+                        best = max(best, -dot(p, v))
+        entry = work.link[entry]
+    return best
+
+
+@inner
 def closes_fast(c, speed, threshold, world, work):
     """Return whether contact ``c`` closes fast enough for an impact, or lands on another edge."""
     fast = impact_speed(work.rows[c, RESTITUTION], threshold)
@@ -121,11 +163,11 @@ def impact_now(left, threshold, limited, world, work):
 
     With ``limited``, only contacts count that `must_collide`, if they closed for ``left`` seconds.
     """
-    rows, ids = work.rows, work.ids
+    rows = work.rows
     for c in range(work.counts[CONTACTS]):
         row = rows[c]
         if row[GAP] <= TOUCHING:
-            speed = contact_speeds(row, work.velocity[START], ids[c, 0], ids[c, 1])[0]
+            speed = speed_before(c, START, 0.0, threshold, world, work)
             if closes_fast(c, speed, threshold, world, work):
                 if not limited or must_collide(row, depth_after(row, speed, left)):
                     return True
@@ -138,10 +180,10 @@ def time_to_impact(left, threshold, limited, world, work):
 
     Without an impact within ``left`` seconds, return ``left``. ``limited`` is as in `impact_now`.
     """
-    rows, ids, first = work.rows, work.ids, left
+    rows, first = work.rows, left
     for c in range(work.counts[CONTACTS]):
         row = rows[c]
-        speed = contact_speeds(row, work.velocity[START], ids[c, 0], ids[c, 1])[0]
+        speed = speed_before(c, START, 0.0, threshold, world, work)
         if not limited or must_collide(row, depth_after(row, speed, left)):
             first = min(first, _time_of_impact(c, row[GAP], speed, 1.0, threshold, world, work))
     return first
@@ -185,9 +227,8 @@ def settle(h, threshold, world, work):
 def time_before(c, h, threshold, world, work):
     """Return `impact_before` for contact ``c`` alone; infinite without an impact."""
     row = work.rows[c]
-    end = contact_speeds(row, work.velocity[FREE], work.ids[c, 0], work.ids[c, 1])[0]
-    begin = end - h * row[FALL]
-    gap = row[GAP] - 0.5 * h * (begin + end)
+    begin = speed_before(c, FREE, h, threshold, world, work)
+    gap = row[GAP] - h * (begin + 0.5 * h * row[FALL])
     if gap > 2.0 * TOUCHING:
         return _time_of_impact(c, gap, begin, _ALMOST, threshold, world, work)
     return 0.0 if row[GAP] <= 0.0 and closes_fast(c, begin, threshold, world, work) else math.inf

@@ -68,6 +68,7 @@ from .impact_time import (
     landing_speed,
     may_land,
     settle,
+    speed_before,
     time_to_impact,
 )
 from .implicit_solver import find_leads, solve_impact, solve_lasting
@@ -224,7 +225,7 @@ def collide(x, count, time, impact, rollout, world, method, work):
     find_parts(IMPACT_GAP, work)
     for c in range(counts[CONTACTS]):
         if part[ids[c, 0]] < 0:
-            speed = contact_speeds(rows[c], velocity[START], ids[c, 0], ids[c, 1])[0]
+            speed = speed_before(c, START, 0.0, threshold, world, work)
             if closes_fast(c, speed, threshold, world, work):
                 mark_part(ids[c, 0], part)
     for c in range(counts[CONTACTS]):  # keep the contacts that the impact reaches

@@ -32,9 +32,8 @@ from ..derivatives.kinematic_derivative import (
 from ..derivatives.rolling import KEPT, KEPT_COLUMNS, forget_rolling, rolling
 from ..derivatives.wrench_derivative import fly_pushed_errors
 from ..dynamics.actions import follows
-from ..dynamics.impact_time import impact_speed, landing_speed, time_before, time_to_close
+from ..dynamics.impact_time import impact_speed, landing_speed, speed_before, time_before, time_to_close
 from ..dynamics.implicit_rollout import rollout_kernel
-from ..dynamics.implicit_solver import contact_speed
 from ..dynamics.implicit_stages import (
     after_flight,
     after_groups,
@@ -225,7 +224,7 @@ def _begin_group(method, count, world, work):
 @before_travel.of(ImplicitLinearization)
 def _begin_travel(method, x, count, until, left, threshold, world, work):
     """Find out how the interval's length changes, and keep what it will be differentiated with."""
-    errors, contacts, rows, ids = method.errors, method.contacts, work.rows, work.ids
+    errors, contacts, rows = method.errors, method.contacts, work.rows
     method.time[2] = method.time[0] - left + until
     for a in range(count):
         _open(method, work.members[a], work)
@@ -235,7 +234,7 @@ def _begin_travel(method, x, count, until, left, threshold, world, work):
         errors.length[c] = 0.0
     for c in range(work.counts[CONTACTS]):
         if until < left:
-            speed = contact_speed(rows[c], 0, work.velocity[START], ids[c, 0], ids[c, 1])
+            speed = speed_before(c, START, 0.0, threshold, world, work)
             slowest = landing_speed(world.dt, threshold)
             closing = min(impact_speed(rows[c, RESTITUTION], threshold), slowest)
             miss = abs(time_to_close(rows[c], speed, closing) - until)
