@@ -279,6 +279,16 @@ def stacked(seed=0):
     return Stage(Scene.everyday(bodies, exact=True, gravity=None), x)
 
 
+def pressed(seed=0):
+    """Two bricks whose faces slide on each other, as deep as free motion leads in a step."""
+    rng, brick = np.random.default_rng(seed), load_model("brick").prefix(300)
+    bodies = [RigidBody("upper", brick, 0.5), RigidBody("lower", brick, fixed=True)]
+    height = 2.0 * (brick.centers[:, 2] + brick.radii).max() - 4e-4
+    x = [state((*rng.normal(0, 0.01, 2), height), (0.4, 0.1, 0), rng.normal(0, 0.1, 3)), state()]
+    x[0][6:10] = turned(*rng.normal(0, 1e-3, 2), rng.normal())
+    return Stage(Scene.everyday(bodies, exact=True), x)
+
+
 def sliding_off(seed=0):
     """A brick whose lower face slides over the edge of a table, at x = 0, with contacts that carried load."""
     rng, brick = np.random.default_rng(seed), load_model("brick").prefix(300)
@@ -302,7 +312,7 @@ def sliding_off(seed=0):
     "make, pair",
     [(partial(on_element, name), (0, -1)) for name in ELEMENTS]
     + [(partial(pile, seed), (0, k)) for seed in range(3) for k in (1, 2)]
-    + [(partial(stacked, seed), (0, 1)) for seed in range(3)],
+    + [(partial(make, seed), (0, 1)) for make in (stacked, pressed) for seed in range(3)],
 )
 def test_candidates_are_all_spheres_that_come_near(make, pair, horizon):
     """Of a body and an element, of which flat ones meet the hull alone, or of two bodies."""

@@ -222,7 +222,7 @@ def test_spin_on_a_floor_ends_as_on_the_outline_of_the_face(name, count, dt):
 # -- sliding of packings on each other ---------------------------------------------------------------
 
 
-def slid(count, friction, dt=1 / 240):
+def slid(count, friction, dt):
     """Distance that a salt box slides on a fixed brick at 0.4 m/s, relative to ``v^2 / (2 mu g)``."""
     brick, box = load_model("brick").prefix(count), load_model("salt_box").prefix(count)
     lies = turned(np.pi / 2, 0, 0)
@@ -234,10 +234,11 @@ def slid(count, friction, dt=1 / 240):
     return (x[0, 0] + 0.06) / (0.16 / (2.0 * friction * G))
 
 
-@pytest.mark.parametrize("friction", [0.1, 0.3])
-@pytest.mark.parametrize("count, tolerance", [(1000, 0.1), (4000, 0.05)])
-def test_a_box_slides_on_a_brick_as_far_as_coulomb_says(count, tolerance, friction):
-    assert slid(count, friction) == pytest.approx(1.0, abs=tolerance)
+@pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])
+@pytest.mark.parametrize("friction", [0.05, 0.2, 0.5])
+@pytest.mark.parametrize("count", [300, 1000, 4000])
+def test_a_box_slides_on_a_brick_as_far_as_coulomb_says(count, friction, dt):
+    assert slid(count, friction, dt) == pytest.approx(1.0, abs=0.01)
 
 
 @cache

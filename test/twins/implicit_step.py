@@ -33,6 +33,8 @@ FACE_TOLERANCE, FACE_WIDTH = 1e-5, 0.05
 OVER_FACE = 0.5
 #: How much nearer a face may be than the spheres themselves [m], so that no contact begins deeper.
 HOLLOW = 1.5e-4
+#: The same of a solid face that slides on another.
+SLIDING = 5e-4
 #: SMOOTHING: height over which the least height of a rolling body's spheres is smoothed. CUT: how many such
 #: heights count. AXIAL: by how much spheres that are one radius away along the axis count as higher. WIDTH:
 #: how far others may be from the lowest one across the axis. All are relative to the body's radius. TURNED:
@@ -398,27 +400,39 @@ def best_contacts(scene, x, bodies, pairs, places, own):
 
     A face stands for a sphere that touches it if the other sphere is over it. If the body is not solid, that
     is no farther beside the first than twice the smaller radius. Of several faces, the one that separates the
-    spheres best counts, unless it is much nearer than the spheres are.
+    spheres best counts, unless it is much nearer than the spheres are, by more if both touch solid faces that
+    face each other.
     """
     found = [[] for _ in pairs]
     for near, far, sign in ((1, 0, 1.0), (0, 1, -1.0)):  # the sphere that touches a face, and the other
         s, model = x[bodies[near]], scene.bodies[bodies[near]].model
         R, radii = Rotation.from_quat(s[Q]).as_matrix(), [scene.bodies[k].model.radii for k in bodies]
+        other = scene.bodies[bodies[far]].model
+        R_other = Rotation.from_quat(x[bodies[far], Q]).as_matrix()
         for face in faces_in_use(model) if len(pairs) else ():
             n, over = R @ face.normal, is_over(face, (places[far] - s[P]) @ R, model.centers)
+            solid = len(face.outline) > 0
+            opposite = {
+                int(sphere)
+                for g in faces_in_use(other)
+                if solid and len(g.outline) > 0 and n @ R_other @ g.normal < -FACING
+                for sphere in g.touching
+            }
             for k, pair in enumerate(pairs):
                 away = places[far][pair[far]] - places[near][pair[near]]
                 beside = np.linalg.norm(away - (n @ away) * n)
+                slides = int(pair[far]) in opposite
                 aligned = sign * n @ own[k].normal > OVER_FACE
-                aligned &= len(face.outline) > 0 or beside < 2.0 * min(radii[0][pair[0]], radii[1][pair[1]])
+                aligned &= solid or beside < 2.0 * min(radii[0][pair[0]], radii[1][pair[1]])
                 if pair[near] in face.touching and over[pair[far]] and aligned:
                     reach = radii[0][pair[0]] + radii[1][pair[1]]
                     height = n @ away - reach
-                    opposite = places[1][pair[1]] - (reach + height) * n
-                    found[k].append(Own(sign * n, opposite if far == 1 else places[0][pair[0]], height, True))
-    best = [max(faces, key=lambda face: face.gap, default=None) for faces in found]
+                    opposite_center = places[1][pair[1]] - (reach + height) * n
+                    center = opposite_center if far == 1 else places[0][pair[0]]
+                    found[k].append((Own(sign * n, center, height, True), slides))
+    best = [max(faces, key=lambda face: face[0].gap, default=None) for faces in found]
     return [
-        contact if face is None or face.gap < contact.gap - HOLLOW else face
+        contact if face is None or face[0].gap < contact.gap - (SLIDING if face[1] else HOLLOW) else face[0]
         for face, contact in zip(best, own, strict=True)
     ]
 

@@ -60,7 +60,7 @@ from .contact_search import (
 )
 from .contact_simd import lower_supports, plane_mask
 from .element_contacts import in_element, is_covered, write_element_rotation
-from .face_outlines import element_outlines, pair_outlines, spheres_on_faces
+from .face_outlines import FACING, element_outlines, pair_outlines, spheres_on_faces
 from .faces import FACES_OF_A_SPHERE, over_face
 from .implicit_workspace import CANDIDATE_GAP, CANDIDATE_SCORE, CONTACTS, OVERFLOW, TOO_MANY_CONTACTS
 from .shapes import bounds, surface
@@ -75,6 +75,7 @@ _TURNING = 2e-3  # rotation speed of a body's points above which the bonus is ze
 _SAME_PATCH = 0.9  # least cosine of the angle between normals of a patch
 _OVER = 0.5  # least cosine of the angle between the normals of two spheres and of a face
 _HOLLOW = 1.5e-4  # largest depth of a face contact below the sphere contact [m]; no contact begins deeper
+_SLIDING = 5e-4  # the same of a solid face that slides on another, to which free motion adds [m]
 _HALF = math.sqrt(0.5)
 _IN_PATCH, _CHOSEN = 1, 2  # states of a candidate
 
@@ -280,8 +281,9 @@ def _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world):
     """Return the contact of sphere a of body i and b of body j with a flat face that one of them touches.
 
     The other sphere must be over the face, and the spheres' normal near the face's normal. Of several faces,
-    the one with the largest gap is used, as it separates the bodies best. All vectors except ``e`` are in
-    body i's frame, as in `_pair_gap`.
+    the one with the largest gap is used, as it separates the bodies best, unless it is much deeper than the
+    spheres. Free motion takes two solid faces that slide on each other deeper than hollow bodies. All vectors
+    except ``e`` are in body i's frame, as in `_pair_gap`.
 
     Returns
     -------
@@ -300,32 +302,47 @@ def _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world):
     apart = minus(c, p)
     # spheres with a larger lateral offset belong to different places of the face of a body that may be hollow
     least = dot(apart, apart) - (2.0 * min(r, s)) ** 2
-    best, m, center = -np.inf, n, c
+    best, m, center, slides = -np.inf, n, c, False
     for k in range(FACES_OF_A_SPHERE):
         f = faces.of_sphere[b, k]
         if f >= 0:
             v = rotate(R_ij, faces.normal[f, 0], faces.normal[f, 1], faces.normal[f, 2])
             along = dot(v, apart)
             height = along - r - s
+            opposed = faces.corners[f] > 0 and _touches_opposite(a, v, faces)
             near = faces.corners[f] > 0 or along * along > least
-            if height > best and dot(v, n) > _OVER and near:
+            if height > best and near and dot(v, n) > _OVER:
                 back = rotate_back(R_ij, c[0] - t[0], c[1] - t[1], c[2] - t[2])
                 if over_face(f, back, centers, faces):
-                    best, m, center = height, v, c
+                    best, m, center, slides = height, v, c, opposed
         f = faces.of_sphere[a, k]
         if f >= 0:
             v = (-faces.normal[f, 0], -faces.normal[f, 1], -faces.normal[f, 2])
             along = dot(v, apart)
             height = along - r - s
-            aligned = dot(v, n) > _OVER and (faces.corners[f] > 0 or along * along > least)
-            if height > best and aligned and over_face(f, p, centers, faces):
-                best, m, center = height, v, plus(p, times(s + height + r, v))
-    if best + kept < gap - _HOLLOW:
+            opposed = faces.corners[f] > 0 and _touches_opposite(
+                b, rotate_back(R_ij, -v[0], -v[1], -v[2]), faces
+            )
+            near = faces.corners[f] > 0 or along * along > least
+            if height > best and near and dot(v, n) > _OVER and over_face(f, p, centers, faces):
+                best, m, center, slides = height, v, plus(p, times(s + height + r, v)), opposed
+    if best + kept < gap - (_SLIDING if slides else _HOLLOW):
         m, center = n, c
     else:
         gap = best + kept
     about_i, about_j = cross(w, center), cross(o, minus(center, t))
     return m, center, gap, dot(m, plus(u, minus(about_i, about_j)))
+
+
+@inner(forceinline=True)
+def _touches_opposite(s, v, faces):
+    """Return whether sphere s touches a solid face with a normal opposite to ``v``; body frame."""
+    for k in range(FACES_OF_A_SPHERE):
+        f = faces.of_sphere[s, k]
+        if f >= 0 and faces.corners[f] > 0:
+            if dot(v, (faces.normal[f, 0], faces.normal[f, 1], faces.normal[f, 2])) < -FACING:
+                return True
+    return False
 
 
 @inner(noinline=True)
