@@ -62,7 +62,7 @@ def copy(source, target, count):
 
 @kernel
 def free_distance(space, x, y, z, feature):
-    """f at a point, capped at the grid's reach; writes the nearest feature (untouched if there is none)."""
+    """Return f at a point, at most the grid's reach, and write the nearest feature, if there is one."""
     f, index = nearest_sphere(space.grid, space.spheres, x, y, z, -1)
     if f <= 0.0:
         return f
@@ -80,7 +80,7 @@ def free_distance(space, x, y, z, feature):
 
 @kernel
 def linearize(bundle, i, x, y, z):
-    """Value and gradient of a feature at a point."""
+    """Write value and gradient of feature i at a point to the bundle."""
     feature = bundle.features[i]
     dx, dy, dz = x - feature[0], y - feature[1], z - feature[2]
     if feature[3] < 0.0:
@@ -95,9 +95,9 @@ def linearize(bundle, i, x, y, z):
 
 @kernel
 def equalized_step(bundle, subset, size, delta, step):
-    """The step of length up to delta that keeps a subset's linearizations equal and raises them most.
+    """Write the step of length up to delta that keeps a subset's linearizations equal and raises them most.
 
-    Returns their value there; -inf if no such step exists.
+    Returns their value after the step; -inf if no such step exists.
     """
     values, g = bundle.values, bundle.gradients
     a = subset[0]
@@ -160,7 +160,7 @@ def equalized_step(bundle, subset, size, delta, step):
 
 @kernel
 def extreme(values, count, sign):
-    """Index of the largest of the first values (sign 1), or of the smallest (sign -1)."""
+    """Return the index of the largest (sign 1) or smallest (sign -1) of the first ``count`` values."""
     best = 0
     for i in range(1, count):
         if sign * values[i] > sign * values[best]:
@@ -170,14 +170,14 @@ def extreme(values, count, sign):
 
 @kernel
 def value_after(bundle, i, step):
-    """A feature's linearization after a step."""
+    """Return the linearization of feature i after a step."""
     g = bundle.gradients
     return bundle.values[i] + g[i, 0] * step[0] + g[i, 1] * step[1] + g[i, 2] * step[2]
 
 
 @kernel
 def best_step(bundle, count, delta, step):
-    """Maximize the smallest of the linearizations over steps of length up to delta; returns that value.
+    """Write the step of length up to delta that maximizes the smallest linearization; return that value.
 
     A working set of at most four features is exchanged, one violated feature at a time, until none is
     violated.
@@ -236,11 +236,11 @@ def best_step(bundle, count, delta, step):
 
 @kernel
 def updated_bundle(bundle, count, feature, f, x, y, z):
-    """Linearize at a new point, drop what bounds f no more, add a feature; returns the number of features.
+    """Move the bundle to a new point: drop features that no longer bound f, and add one.
 
-    A plane may cut below f where the mesh bends towards the point. The plane's foot on the mesh, as a sphere
-    of no
-    size, never does: a new feature that fails as a plane comes in as a point.
+    Where the mesh bends towards the point, a plane may be closer than f. Its foot on the mesh, a sphere of
+    radius 0, never is. A plane that is closer than f is therefore added as its foot. Returns the number of
+    features.
     """
     least = f * (1.0 - 1e-9)
     kept = 0
@@ -260,7 +260,7 @@ def updated_bundle(bundle, count, feature, f, x, y, z):
     if bundle.values[kept] < least and feature[3] < 0.0:
         bundle.features[kept, 3] = 0.0
         linearize(bundle, kept, x, y, z)
-    for i in range(kept):  # one known before only crowds the bundle
+    for i in range(kept):  # a known feature is not added again
         if (
             abs(bundle.values[i] - bundle.values[kept]) < 1e-9 * f
             and abs(bundle.gradients[i, 0] - bundle.gradients[kept, 0]) < 1e-6
@@ -273,9 +273,9 @@ def updated_bundle(bundle, count, feature, f, x, y, z):
 
 @kernel(noinline=True)
 def climb(space, point, bundle):
-    """Move a point to the local maximum of f around it; returns f there.
+    """Move a point to the local maximum of f around it, and return f there.
 
-    Gives up, returning 0, where f starts out at 0 or less.
+    Returns 0, and leaves the point where it is, if f is not positive at the start.
     """
     trial = np.empty(7)
     step = np.empty(3)
@@ -310,7 +310,7 @@ def climb(space, point, bundle):
 
 @kernel
 def climb_all(space, points):
-    """Climb from each point, in place; returns f at each, 0 for a point that is not free."""
+    """Climb from each point, in place; return f (n,) at each, 0 for a point that is not free."""
     bundle = new_bundle()
     out = np.empty(len(points))
     for i in range(len(points)):
@@ -320,10 +320,10 @@ def climb_all(space, points):
 
 @kernel
 def touching_ball(space, point, inward, radius, feature):
-    """Radius of the largest free ball, up to a radius, that touches the mesh from inside at a point of its
-    surface.
+    """Return the radius of the largest free ball that touches the mesh from inside at a point of its surface.
 
-    Shrinks the ball to touch whatever is nearest to its centre, until nothing is within it; 0 if it vanishes.
+    It is at most ``radius``. The ball shrinks until it only touches the feature that is nearest to its
+    centre; the result is 0 if it vanishes.
     """
     for _ in range(MAX_STEPS):
         x = point[0] + radius * inward[0]
@@ -348,7 +348,7 @@ def touching_ball(space, point, inward, radius, feature):
 
 @kernel
 def starts_at_surface(space, points, inward, radius):
-    """Centres of touching balls at points of the mesh's surface; those that vanish are left out."""
+    """Return the centres (m, 3) of touching balls at points of the mesh's surface, without vanished ones."""
     feature = np.empty(7)
     centers = np.empty_like(points)
     count = 0
@@ -363,8 +363,9 @@ def starts_at_surface(space, points, inward, radius):
 
 @kernel
 def starts_around(space, placed, directions):
-    """Points around placed spheres (their indices), half-way across the gap to whatever else is nearest
-    there.
+    """Return points (m, 3) around spheres, each half-way across the gap to the next sphere or to the mesh.
+
+    ``placed`` are indices of the spheres.
     """
     centers = np.empty((len(placed) * len(directions), 3))
     count = 0

@@ -15,17 +15,17 @@ SHARE = Path("share") / "unc_physics" / "models"
 
 
 def cache_dir() -> Path:
-    """The user's own folder for packings too large to ship: ``$XDG_CACHE_HOME/unc_physics/models``."""
+    """Return the user's folder for packings too large to ship: ``$XDG_CACHE_HOME/unc_physics/models``."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "unc_physics" / "models"
 
 
 def models_dirs(models_dir=None) -> list[Path]:
-    """The folders that are searched for models, first come first served.
+    """Return the folders that are searched for models, in the order of the search.
 
-    ``models_dir``, or else the environment variable ``UNC_PHYSICS_MODELS``, stands alone. Otherwise: the
-    source checkout's ``models``, the share folders of the Python installation and of each ROS prefix
-    (``AMENT_PREFIX_PATH``), the user's cache.
+    If ``models_dir`` or the environment variable ``UNC_PHYSICS_MODELS`` is set, this is the only folder.
+    Otherwise they are the source checkout's ``models``, the share folders of the Python installation and of
+    each ROS prefix (``AMENT_PREFIX_PATH``), and the user's cache.
     """
     chosen = models_dir or os.environ.get("UNC_PHYSICS_MODELS")
     if chosen:
@@ -41,12 +41,12 @@ def models_dirs(models_dir=None) -> list[Path]:
 
 
 def list_models(models_dir: str | os.PathLike[str] | None = None) -> dict[str, Path]:
-    """Names and files of all models in the library, sorted by name.
+    """Return the files of all models in the library by their names, sorted by name.
 
     Raises
     ------
     UnknownModelError
-        If the folder that is chosen is none.
+        If the chosen folder does not exist.
     """
     found: dict[str, Path] = {}
     for folder in models_dirs(models_dir):

@@ -145,7 +145,7 @@ def pack_solid(
 
 
 def _is_round(corners, threads):
-    """Whether the largest ball inside a solid has its extent, so that it needs no other spheres for it."""
+    """Return whether the largest ball inside a solid has the solid's extent, so that it needs no supports."""
     with GreedyPacker(corners, 1, threads) as packer:
         ball = packer.run(None, 1.0)
         return len(ball) == 1 and extent_losses(corners, ball, np.ones(1, int))[0] < ROUND * packer.size
@@ -183,7 +183,7 @@ class GreedyPacker:
         self.space.spheres[: self.placed] = supports.spheres
 
     def run(self, progress, volume):
-        """Place the spheres; returns them (n, 4), ordered."""
+        """Place the spheres and return them (n, 4), in nested order."""
         spheres = self.space.spheres
         bound = self.space.grid.reach  # no free distance exceeds it
         candidates = np.empty((0, 4))
@@ -223,15 +223,17 @@ class GreedyPacker:
         return np.concatenate([spheres[: self.put_first], rest])
 
     def number_of_starts(self, level, radius):
-        """How many points of the surface to start from."""
+        """Return the number of points of the surface from which a level starts to climb."""
         if level == 0:
             return FIRST_STARTS
         wanted = STARTS_PER_AREA * self.cumulative_area[-1] / radius**2
         return int(max(MIN_STARTS, min(wanted, MAX_STARTS, STARTS_PER_SPHERE * len(self.space.spheres))))
 
     def place_batch(self, candidates):
-        """Place the largest candidates; returns the new ones that are found thereby, and the rest of the old
-        ones.
+        """Place the largest candidates (m, 4).
+
+        Returns new candidates (k, 4) and the old ones that were not in the batch. The new ones are found by
+        climbing from candidates of the batch that are no longer free, and from around the new spheres.
         """
         batch = candidates[:, 3] >= BATCH * candidates[:, 3].max()
         rest, batch = candidates[~batch], candidates[batch]
@@ -248,12 +250,12 @@ class GreedyPacker:
         return self.climb(np.concatenate([points[:done][values[:done] > 0.0], around])), rest
 
     def starts_around(self, first):
-        """Points in the gaps around the spheres from number ``first`` on."""
+        """Return points (m, 3) in the gaps around the spheres from number ``first`` on."""
         directions = even_directions(MANY_DIRECTIONS if self.placed < FEW_SPHERES else FEW_DIRECTIONS)
         return self.parallel(starts_around, np.arange(first, self.placed), common=(directions,))
 
     def refine_grid(self, radius):
-        """Make a grid for a level: as wide as its largest radius, which no free distance exceeds."""
+        """Make the grid of a level with cells as wide as its largest radius, the bound of free distances."""
         width = radius
         while np.prod(np.ceil((self.upper - self.lower) / width)) > MAX_CELLS:
             width *= 1.05
@@ -270,7 +272,7 @@ class GreedyPacker:
         self.space = self.space._replace(grid=grid)
 
     def surface_starts(self, count, seed, radius):
-        """Centres of touching balls at random points of the surface, evenly by area."""
+        """Return centres (m, 3) of touching balls at random points of the surface, evenly by area."""
         choice, v, w = np.random.default_rng(seed).random((3, count))
         last = len(self.cumulative_area) - 1
         index = np.searchsorted(self.cumulative_area, choice * self.cumulative_area[-1], side="right").clip(
@@ -283,7 +285,7 @@ class GreedyPacker:
         return self.parallel(starts_at_surface, points, self.inward[index], common=(radius,))
 
     def climb(self, points):
-        """Candidates (m, 4), place and free distance, from starting points."""
+        """Return candidates (m, 4), position and free distance, by climbing from points."""
         values = self.parallel(climb_all, points)
         return np.column_stack([points, values])[values > 0.0]
 
@@ -300,12 +302,11 @@ class GreedyPacker:
 
 
 def nested_order(spheres, lower, size):
-    """Spheres by radius, the largest first; those of about equal radius so that any first part spreads
-    evenly.
+    """Return spheres by radius, the largest first, with ties in an order in which any first part is spread.
 
-    A wall takes thousands of spheres of its own half thickness. In order of place, the first hundred would
-    stand in one corner. So ties are taken along a space-filling curve in bit-reversed order: first every
-    1024th, then those half-way between, and so on.
+    A wall takes thousands of spheres of its own half thickness. In order of position, the first hundred would
+    be in one corner. Spheres of about equal radius are therefore taken along a space-filling curve in
+    bit-reversed order: first every 1024th, then those half-way between, and so on.
     """
     spheres = spheres[np.argsort(-spheres[:, 3], kind="stable")]
     tie = np.floor(np.log(spheres[:, 3]) / np.log(TIE))

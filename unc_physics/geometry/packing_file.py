@@ -110,7 +110,7 @@ class SpherePacking:
             )
 
     def _check_measures(self):
-        """Refuse measures that belong to no numbers of spheres."""
+        """Raise `InvalidModelError` for malformed measures, and drop measures without numbers of spheres."""
         if self.measured_spheres is None:
             self._set("extent_losses", None)
             self._set("sinks", None)
@@ -171,11 +171,11 @@ class SpherePacking:
         return self._measured(self.sinks)
 
     def _measured(self, values):
-        """A measure for all spheres: the last one known, since more spheres only lower it."""
+        """Return the last known value of a measure, an upper bound as more spheres only lower it, or None."""
         return None if values is None or len(values) == 0 else float(values[-1])
 
     def sufficient_count(self, loss: float = EXTENT_LOSS, sink: float | None = SINK) -> int:
-        """The fewest spheres that stand for the body: those with a loss of extent and a sink below limits.
+        """Return the smallest number of first spheres whose loss of extent and sink are within limits.
 
         Parameters
         ----------
@@ -187,8 +187,8 @@ class SpherePacking:
         Returns
         -------
         int
-            At least the spheres before the largest one, which give the body its extent and its rims. All
-            spheres, if no fewer are enough, or it is not known how many are.
+            At least the number of spheres before the largest one, which give the body its extent and its
+            rims. The number of all spheres if fewer are not enough, or nothing was measured.
         """
         lengths, losses = self.measured_spheres, self.extent_losses
         if lengths is None or losses is None or (sink is not None and self.sinks is None):
@@ -199,7 +199,7 @@ class SpherePacking:
         return int(lengths[enough][0]) if enough.any() else len(self)
 
     def prefix(self, k: int) -> SpherePacking:
-        """The first k spheres, with the whole body's COM, inertia, volume and mass.
+        """Return the packing of the first k spheres, with the whole body's COM, inertia, volume and mass.
 
         Raises
         ------
@@ -223,10 +223,9 @@ class SpherePacking:
         return replace(self, centers=self.centers[:k], radii=self.radii[:k], surface_gap=None, **measured)
 
     def scaled(self, s: float) -> SpherePacking:
-        """The body with all lengths multiplied by s; its default mass, if known, keeps the density.
+        """Return the packing with all lengths multiplied by s; its default mass, if any, keeps the density.
 
-        In a smaller body the ball of 10 mm sinks no farther in proportion; how far it sinks in a larger one
-        is not known.
+        In a smaller body, the scaled `sinks` are still upper bounds. In a larger one they are unknown.
 
         Raises
         ------
@@ -330,7 +329,7 @@ def _check_sizes(archive, path):
 
 
 def _completed(values):
-    """The fields of a file, with those that follow from the spheres filled in where they are missing."""
+    """Return the fields of a file, with missing ones computed from the spheres."""
     centers = _array("centers", values["centers"], _ARRAYS["centers"])
     radii = _array("radii", values["radii"], _ARRAYS["radii"])
     _check_spheres(centers, radii)
@@ -396,15 +395,16 @@ def solid_spheres_inertia(centers, radii):
 
 
 def spheres_reach(centers, radii) -> float:
-    """Largest distance from the origin to a point of a sphere [m]."""
+    """Return the largest distance from the origin to a point of a sphere [m]."""
     return float(np.max(np.linalg.norm(centers, axis=1) + radii))
 
 
 def check_inertia(inertia, reach=None):
-    """Raise `InvalidModelError` for what is no inertia tensor (3, 3) per unit mass [m^2].
+    """Raise `InvalidModelError` if an array (3, 3) is no inertia tensor per unit mass [m^2].
 
-    It is symmetric, positive definite, obeys the triangle inequality (to round-off), and is not out of all
-    proportion to a body that reaches ``reach`` [m] from its centre of mass.
+    An inertia tensor is symmetric and positive definite, and its principal moments obey the triangle
+    inequality, all to round-off. They must also fit a body that reaches ``reach`` [m] from its centre of
+    mass, within a factor of 1e12.
     """
     size = np.abs(inertia).max()
     if np.abs(inertia - inertia.T).max() > ROUND_OFF * size:
@@ -445,7 +445,7 @@ def _check_spheres(centers, radii):
 
 
 def _array(field, value, shape):
-    """A read-only, C-contiguous, finite float64 array of the given shape (None matches any length)."""
+    """Return a read-only, C-contiguous, finite float64 array of a shape; None in it matches any length."""
     raw = np.asarray(value)
     if raw.dtype.kind not in "fiu":
         raise InvalidModelError("must hold real numbers", field=field, value=value)

@@ -50,7 +50,7 @@ def draw_levels(path, packings, up="z") -> None:
 
 
 def view_axes(up):
-    """Right, up and towards the eye, as rows in body axes."""
+    """Return the axes right, up and towards the eye, as rows (3, 3) in body axes."""
     shift = "zxy".index(up)
     towards = np.roll(VIEW / np.linalg.norm(VIEW), shift)
     right = np.cross(np.roll([0.0, 0.0, 1.0], shift), towards)
@@ -59,7 +59,7 @@ def view_axes(up):
 
 
 def box_corners(packing):
-    """Corners (8, 3) of the mesh's bounding box, or of the spheres' where the mesh is unknown."""
+    """Return the corners (8, 3) of the mesh's bounding box, or of the spheres' if the mesh is unknown."""
     bounds = packing.bounds
     if bounds is None:
         r = packing.radii[:, None]
@@ -68,12 +68,12 @@ def box_corners(packing):
 
 
 def box_edges(corners):
-    """The twelve edges of a box from its corners in the order of box_corners."""
+    """Return the twelve edges of a box, (2, 3) each, from its corners in the order of `box_corners`."""
     return [corners[[i, i | bit]] for i in range(8) for bit in (1, 2, 4) if not i & bit]
 
 
 def shaded_balls(centers, radii, half, size_range):
-    """Image (PIXELS, PIXELS, 3) of balls in view coordinates, coloured by the logarithm of their radius."""
+    """Return an image (PIXELS, PIXELS, 3) of balls in view coordinates, coloured by log radius."""
     from matplotlib import colormaps
 
     low, high = size_range

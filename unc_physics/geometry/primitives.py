@@ -40,7 +40,7 @@ def primitive(kind: str, size: Sequence[float], subdivisions: int = _SUBDIVISION
 
 
 def prism(polygon: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a convex polygon (n, 2) in the plane z = 0, spread over a height along z [m].
+    """Return vertices and triangles of a prism along z, of a convex polygon (n, 2), centred at z = 0 [m].
 
     Raises `InvalidMeshError` if the polygon has fewer than three corners, or is not convex.
     """
@@ -60,7 +60,7 @@ def prism(polygon: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cone(radius: float, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of a cone along z, its tip up, its middle halfway between base and tip [m]."""
+    """Return vertices and triangles of a cone along z, tip up, with half of its height at z = 0 [m]."""
     circle, half = _circle(radius), 0.5 * height
     base = np.hstack([circle, np.full((SEGMENTS, 1), -half)])
     vertices = np.vstack([base, [[0.0, 0.0, half]]])
@@ -70,14 +70,14 @@ def cone(radius: float, height: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _circle(radius):
-    """(n, 2): corners of a polygon of the circle's area."""
+    """Return corners (n, 2) of a regular polygon that has the circle's area."""
     angle = 2.0 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     step = 2.0 * np.pi / SEGMENTS
     return radius * np.sqrt(step / np.sin(step)) * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _convex(polygon):
-    """The polygon (n, 2), counter-clockwise."""
+    """Return a polygon (n, 2) counter-clockwise; raise `InvalidMeshError` if it is not convex."""
     polygon = np.asarray(polygon, float)
     if polygon.ndim != 2 or len(polygon) < 3:
         raise InvalidMeshError("must have at least three corners", field="polygon", value=len(polygon))

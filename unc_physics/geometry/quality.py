@@ -24,17 +24,18 @@ _CLEAR = 1e-6  # of the ball's radius: overlap with the mesh that is round-off
 
 
 def prefix_lengths(count: int) -> np.ndarray:
-    """Numbers of spheres for which quality is measured: round ones, and all."""
+    """Return the numbers of first spheres (k,) for which quality is measured: round ones and ``count``."""
     decades = 10 ** np.arange(math.ceil(math.log10(count)) + 1)
     round_ones = np.unique(np.rint(np.outer(decades, _STEPS)).astype(np.int64))
     return np.append(round_ones[round_ones < count], count)
 
 
 def extent_losses(corners, spheres, lengths) -> np.ndarray:
-    """(k,): largest loss of extent over all directions [m], for the first spheres of a packing.
+    """Return the largest loss of extent over all directions (k,) [m], for the first spheres of a packing.
 
-    ``lengths`` (k,) are the numbers of first spheres, ascending. The loss is how much farther the mesh,
-    triangles with ``corners`` (m, 3, 3), reaches than the spheres (n, 4), centres and radii [m].
+    ``lengths`` (k,) are the numbers of first spheres, ascending. The loss in a direction is how much
+    farther the mesh reaches than the spheres. The mesh's triangles have ``corners`` (m, 3, 3); ``spheres``
+    (n, 4) are centres and radii [m].
 
     Notes
     -----
@@ -59,12 +60,12 @@ def extent_losses(corners, spheres, lengths) -> np.ndarray:
 
 
 def _falling(values):
-    """Values that cannot rise, with what a search missed made up from the later ones."""
+    """Return values (k,) that never rise: each is at least the later ones, where a search missed more."""
     return np.maximum.accumulate(np.maximum(values, 0.0)[::-1])[::-1]
 
 
 def _improved(points, spheres, directions):
-    """The largest loss near to some directions [m]."""
+    """Return the largest loss found by pattern searches from directions (d, 3) [m]."""
     balls = np.concatenate([points, np.zeros((len(points), 1))], axis=1)
     mesh, packing = _highest(balls, directions), _highest(spheres, directions)
     turn, loss = (
@@ -102,10 +103,10 @@ def _extent(balls, directions):
 
 
 def sinks(corners, spheres, lengths) -> np.ndarray:
-    """(k,): depth of a ball below the mesh where it touches the first spheres of a packing, at most [m].
+    """Return how far a ball sinks below the mesh until it touches the first spheres of a packing (k,) [m].
 
-    The ball has the radius `PROBE`. The most over places on the surface counts; it is at most the ball's
-    diameter, where the ball sinks in whole. The arguments are those of `extent_losses`, with corners
+    The ball has the radius `PROBE`. The result is the maximum over places on the surface, at most the ball's
+    diameter. The arguments are those of `extent_losses`, with corners
     counter-clockwise as seen from outside.
 
     Notes
@@ -124,7 +125,7 @@ def sinks(corners, spheres, lengths) -> np.ndarray:
 
 
 def _places(corners):
-    """Points of the surface, evenly by area and near all corners, and the normals there."""
+    """Return points (p, 3) of the surface, evenly by area and near corners, and the normals there (p, 3)."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double_areas = np.linalg.norm(cross, axis=1)
     corners, cross, double_areas = (x[double_areas > 0.0] for x in (corners, cross, double_areas))
@@ -147,7 +148,7 @@ def _places(corners):
 
 @kernel
 def write_sinks(places, normals, spheres, lengths, radius, out):
-    """Write how far a ball sinks, at most over some places, for each number of first spheres."""
+    """Write the maximum over places of how far a ball sinks, for each number of first spheres, to ``out``."""
     for i in range(len(lengths)):
         out[i] = 0.0
     for p in range(len(places)):
@@ -163,7 +164,7 @@ def write_sinks(places, normals, spheres, lengths, radius, out):
                 reach = radius + spheres[k, 3]
                 under = reach * reach - (x * x + y * y + z * z - up * up)
                 if under > 0.0:
-                    # where the ball's centre comes to; touching what is above it, it went past
+                    # depth at contact; the ball never meets spheres that are wholly above its start
                     sunk = up + radius - math.sqrt(under)
                     if sunk < least and up + radius + math.sqrt(under) > 0.0:
                         least = max(sunk, 0.0)
@@ -172,7 +173,7 @@ def write_sinks(places, normals, spheres, lengths, radius, out):
 
 
 def hull(points):
-    """Corners (h, 3) of the convex hull of points, and its normals (f, 3)."""
+    """Return the corners (h, 3) of the convex hull of points, and its normals (f, 3)."""
     from scipy.spatial import ConvexHull, QhullError
 
     points = np.unique(points, axis=0)
@@ -184,7 +185,7 @@ def hull(points):
 
 
 def even_directions(count):
-    """Unit vectors (count, 3), evenly spread: a Fibonacci lattice."""
+    """Return evenly spread unit vectors (count, 3), a Fibonacci lattice."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     angle = np.pi * (1.0 + np.sqrt(5.0)) * k

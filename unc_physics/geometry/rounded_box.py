@@ -17,7 +17,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 def rounded_box(
     size: ArrayLike, radius: float, name: str = "rounded_box", mass: float | None = None
 ) -> SpherePacking:
-    """A solid box whose edges and corners are rounded, its corners first.
+    """Return the packing of a solid box with rounded edges and corners; the corners are its first spheres.
 
     The hull of the first eight spheres is the rounded box, so on planes, on sides of boxes, and on flat faces
     of convex bodies, ``rounded_box(...).prefix(8)`` lies, tips and rolls over its edges as the solid does.
@@ -69,7 +69,7 @@ def rounded_box(
 
 
 def _between(core, radius):
-    """Centres (n, 3) on a grid over the surface of a box of half sides ``core``, without its corners."""
+    """Return centres (n, 3) on a grid over a box's surface, of half sides ``core``, without its corners."""
     reach = PROBE + radius
     wanted = np.sqrt(2.0 * SINK * (2.0 * reach - SINK))  # between spheres of a square: the ball sinks by SINK
     area = 8.0 * (core[0] * core[1] + core[1] * core[2] + core[2] * core[0])
@@ -83,7 +83,7 @@ def _between(core, radius):
 
 
 def _moments(core, radius):
-    """Volume and mean squares (3,) of coordinates, of a box of half sides ``core`` grown by a radius."""
+    """Return volume and mean squared coordinates (3,) of a box of half sides ``core`` grown by a radius."""
     # slices across an axis: whole over the core, smaller beyond; with s = r sin(phi) all is smooth
     phi = 0.25 * np.pi * (1.0 + _NODES)
     beyond, small = radius * np.sin(phi), radius * np.cos(phi)

@@ -11,11 +11,10 @@ INCH = 0.0254
 
 
 def pin():
-    """A tenpin: 15 in high, 4.77 in at the belly, 1.80 in at the neck, 2.55 in at the head, 2.03 in at the
-    base.
+    """Return a tenpin, 15 in high.
 
-    Diameters between these are the usual gauge points of the tenpin's specification, joined by a cubic
-    spline; the head ends in a ball.
+    The diameter is 4.77 in at the belly, 1.80 in at the neck, 2.55 in at the head and 2.03 in at the base. A
+    cubic spline joins the gauge points of the tenpin's specification. The head ends in a ball.
     """
     from scipy.interpolate import CubicSpline
 
@@ -35,12 +34,12 @@ def pin():
 
 
 def salt_box():
-    """A 500 g carton of table salt."""
+    """Return a 500 g carton of table salt."""
     return lofted([rectangle(0.078, 0.046, 0.0), rectangle(0.078, 0.046, 0.122)], 0.0, 0.122)
 
 
 def can():
-    """A 400 g food can, full, with rims."""
+    """Return a 400 g food can, full, with rims."""
     r, h, rim, deep = 0.0365, 0.110, 0.0015, 0.003
     end = np.array(
         [
@@ -56,7 +55,7 @@ def can():
 
 
 def bottle():
-    """A full half-litre drinks bottle."""
+    """Return a full half-litre drinks bottle."""
     profile = np.array(
         [
             [0.018, 0.003],
@@ -84,7 +83,7 @@ def bottle():
 
 
 def mug():
-    """A stoneware mug with a handle."""
+    """Return a stoneware mug with a handle."""
     import trimesh
 
     r, h, wall, base = 0.041, 0.095, 0.004, 0.006
@@ -111,7 +110,7 @@ def mug():
 
 
 def bowl():
-    """A stoneware cereal bowl on a foot ring."""
+    """Return a stoneware cereal bowl on a foot ring."""
     wall, foot = 0.005, 0.004
     t = np.linspace(0.0, 1.0, 24)
     outer = np.column_stack(
@@ -126,7 +125,7 @@ def bowl():
 
 
 def plate():
-    """A stoneware dinner plate on a foot ring."""
+    """Return a stoneware dinner plate on a foot ring."""
     under = np.array(
         [[0.073, 0.003], [0.074, 0.000], [0.078, 0.000], [0.080, 0.003], [0.096, 0.011], [0.127, 0.017]]
     )
@@ -136,14 +135,12 @@ def plate():
 
 
 def brick():
-    """A solid clay brick of German normal format."""
+    """Return a solid clay brick of German normal format."""
     return lofted([rectangle(0.240, 0.115, 0.0), rectangle(0.240, 0.115, 0.071)], 0.0, 0.071)
 
 
 def bin():
-    """A small load carrier as in bin picking: 300 x 200 x 147 mm with a flange, open at the top,
-    4 mm walls.
-    """
+    """Return a small load carrier of 300 x 200 x 147 mm, open at the top, with a flange and 4 mm walls."""
     x, y, h, wall, flange = 0.300, 0.200, 0.147, 0.004, 0.006
     u, v = x - 2.0 * flange, y - 2.0 * flange
     return lofted(
@@ -161,7 +158,7 @@ def bin():
 
 
 def rounded_box(size=(0.1048, 0.1048, 0.1048), radius=0.005, segments=6):
-    """A box whose edges and corners are worn; by default the cube of the recorded tosses."""
+    """Return a box with rounded edges and corners [m]; by default the cube of the recorded tosses."""
     core = 0.5 * np.asarray(size, float) - radius
     around = 0.5 * np.pi * (np.arange(segments + 1) / segments + np.arange(4)[:, None])
     signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
@@ -181,8 +178,9 @@ def rounded_box(size=(0.1048, 0.1048, 0.1048), radius=0.005, segments=6):
 
 
 def revolved(profile, first, last, segments):
-    """Solid of revolution of a profile (k, 2) of radius and height, closed by cones to two heights on the
-    axis.
+    """Return the solid of revolution of a profile (k, 2) of radius and height.
+
+    Cones close it: from the first and the last ring to the heights ``first`` and ``last`` on the axis.
     """
     angle = 2.0 * np.pi * np.arange(segments) / segments
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -190,10 +188,10 @@ def revolved(profile, first, last, segments):
 
 
 def lofted(rings, first, last):
-    """Solid through rings (k, 3) of equally many points, counter-clockwise as seen against the way from ring
-    to ring.
+    """Return the solid through rings (k, 3) of equally many points.
 
-    The ends are closed by fans to a point each, given whole or by its height on the z axis.
+    Seen from the last ring towards the first, the points are counter-clockwise. Fans of triangles close the
+    ends at the points ``first`` and ``last``; a number is a height on the z axis.
     """
     k = len(rings[0])
     ends = [np.array([0.0, 0.0, end]) if np.isscalar(end) else end for end in (first, last)]
@@ -211,17 +209,17 @@ def lofted(rings, first, last):
 
 
 def rectangle(x, y, z):
-    """Corners of a rectangle about the z axis."""
+    """Return the corners (4, 3) of a rectangle about the z axis, at height z."""
     return np.array([[x, y], [-x, y], [-x, -y], [x, -y]]) @ np.diag([0.5, 0.5]) @ np.eye(2, 3) + [0.0, 0.0, z]
 
 
 def rounded_edge(inner, outer, top):
-    """Profile of a half-round edge between two radii, from the outer to the inner one."""
+    """Return the profile (9, 2) of a half-round edge from the outer to the inner radius."""
     angle = np.linspace(0.0, np.pi, 9)
     r = 0.5 * (outer - inner)
     return np.column_stack([0.5 * (inner + outer) + r * np.cos(angle), top - r + r * np.sin(angle)])
 
 
 def mirrored(profile, height):
-    """The profile upside down, in a body of this height."""
+    """Return a profile upside down, in a body of a height."""
     return (profile * [1.0, -1.0] + [0.0, height])[::-1]

@@ -62,7 +62,7 @@ class SolidMesh:
         return float(np.linalg.norm(self.corners, axis=2).max())
 
     def scaled(self, s) -> SolidMesh:
-        """The solid with all lengths multiplied by s."""
+        """Return the solid with all lengths multiplied by s."""
         return replace(
             self,
             corners=self.corners * s,
@@ -189,8 +189,9 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
 
 
 def normalization(points):
-    """Middle and size of the bounding box, and the power of two below the size (scaling by it rounds
-    nothing).
+    """Return middle (3,) and size of the bounding box, and the largest power of two up to the size.
+
+    Scaling by a power of two is exact.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     size = float((high - low).max())
@@ -329,7 +330,7 @@ def check_overlaps(points, faces):
 
 
 def components(faces, count):
-    """Number of the connected component of each triangle."""
+    """Return the number of the connected component of each triangle (m,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -360,7 +361,7 @@ def winding_number(corners, probes):
 
 
 def _check_triangles(vertices, faces):
-    """Raise `InvalidMeshError` for what no repair mends."""
+    """Raise `InvalidMeshError` if there are no triangles, or vertices are not finite: no repair helps."""
     if len(faces) == 0:
         raise InvalidMeshError("has no triangles")
     if not np.isfinite(vertices[faces]).all():
@@ -368,7 +369,7 @@ def _check_triangles(vertices, faces):
 
 
 def repaired(vertices, faces):
-    """Vertices and triangles after trimesh's repairs, and a sentence about each deed."""
+    """Return vertices and triangles after trimesh's repairs, and a phrase about each repair."""
     import trimesh
 
     _check_triangles(vertices, faces)
@@ -415,6 +416,6 @@ def _with_united_parts(mesh, did):
 
 
 def lowest_first(faces):
-    """Triangles with the lowest vertex first, so that only the winding is left to differ."""
+    """Return triangles with the lowest vertex first; equal triangles then differ only by their winding."""
     first = np.argmin(faces, axis=1)
     return np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)

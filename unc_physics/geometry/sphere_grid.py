@@ -13,7 +13,7 @@ COVERED = -2  # the whole cell lies inside one sphere
 
 
 class SphereGrid(NamedTuple):
-    """Cells with a linked list each of the spheres that come within ``reach`` of the cell."""
+    """Cells, each with a linked list of the spheres within ``reach`` of the cell."""
 
     lower: np.ndarray  # (3,) corner of the first cell
     inverse_width: float
@@ -24,7 +24,7 @@ class SphereGrid(NamedTuple):
 
 
 def empty_grid(lower, upper, width, reach, capacity) -> SphereGrid:
-    """A grid over the box from ``lower`` to ``upper`` that holds no sphere yet."""
+    """Return a grid without spheres over the box from ``lower`` to ``upper``."""
     cells = np.maximum(1, np.ceil((upper - lower) / width)).astype(int)
     heads = np.full(cells, EMPTY, dtype=np.int32)
     return SphereGrid(
@@ -33,13 +33,13 @@ def empty_grid(lower, upper, width, reach, capacity) -> SphereGrid:
 
 
 def grown(grid) -> SphereGrid:
-    """The same grid with room for twice as many entries."""
+    """Return the same grid with room for twice as many entries."""
     return grid._replace(entries=np.concatenate([grid.entries, np.empty_like(grid.entries)]))
 
 
 @kernel
 def cell_range(grid, axis, low, high):
-    """First and last cell that the interval from ``low`` to ``high`` touches along an axis."""
+    """Return the first and last cell that the interval from ``low`` to ``high`` touches along an axis."""
     last = grid.heads.shape[axis] - 1
     first_cell = int(np.floor((low - grid.lower[axis]) * grid.inverse_width))
     last_cell = int(np.floor((high - grid.lower[axis]) * grid.inverse_width))
@@ -48,8 +48,9 @@ def cell_range(grid, axis, low, high):
 
 @kernel
 def insert_sphere(grid, spheres, index):
-    """List a sphere in all cells with a point outside it but within reach; False, and no change, if short of
-    room.
+    """Enter a sphere in all cells that have a point outside it and within reach of it.
+
+    Returns False, without changing the lists, if there is not enough room for the entries.
     """
     cx, cy, cz, r = spheres[index, 0], spheres[index, 1], spheres[index, 2], spheres[index, 3]
     outer = r + grid.reach
@@ -97,7 +98,7 @@ def insert_sphere(grid, spheres, index):
 
 @kernel
 def insert_spheres(grid, spheres, start, stop):
-    """Insert spheres one by one; returns the first that found no room (``stop`` if all did)."""
+    """Insert spheres one by one; return the first that found no room, or ``stop`` if all did."""
     for index in range(start, stop):
         if not insert_sphere(grid, spheres, index):
             return index
@@ -106,7 +107,7 @@ def insert_spheres(grid, spheres, start, stop):
 
 @kernel
 def nearest_sphere(grid, spheres, x, y, z, excluded):
-    """Distance to the nearest sphere and its index; at most ``reach``, with index -1.
+    """Return the distance to the nearest sphere and its index; ``reach`` and -1 if none is nearer.
 
     Inside a sphere the distance is negative. ``excluded`` is a sphere to look past (-1: none).
     """

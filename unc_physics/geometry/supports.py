@@ -65,7 +65,7 @@ class Face(NamedTuple):
 
 
 def hull_faces(points) -> tuple[list[Face], float]:
-    """The faces of the convex hull of points (n, 3), triangles of one plane united, and the hull's size.
+    """Return the faces of the convex hull of points (n, 3), with coplanar triangles united, and its size.
 
     A flat hull has none. The size is the edge of a cube of its volume.
     """
@@ -112,13 +112,13 @@ def _outside(point, polygon):
 
 
 def _is_near(face, point, gap):
-    """Whether a point is no farther from a face than a gap."""
+    """Return whether a point is at most ``gap`` from a face."""
     up = face.normal @ point - face.height
     return abs(up) <= gap and math.hypot(up, _outside(face.frame @ point, face.polygon)) <= gap
 
 
 def resting_faces(faces, size) -> list[Face]:
-    """The faces on which a body can rest: the centre of mass, at the origin, is above them."""
+    """Return the faces on which a body can rest: the centre of mass, the origin, is above them."""
     found = []
     for face in faces:
         # a narrow face rolls on to the next
@@ -139,9 +139,9 @@ class Places:
         self.rolling = []
 
     def add(self, point, narrow=None):
-        """Add a place, on a narrow face of that number or on none, unless it is close to another.
+        """Add a place unless it is close to another, and return whether it was added.
 
-        Whether it was added.
+        ``narrow`` is the number of the narrow face on which it is, if any.
         """
         gaps = np.linalg.norm(self.points - point, axis=1)
         if len(self.points) >= self.most or gaps.min(initial=np.inf) <= REACH * self.size:
@@ -335,7 +335,7 @@ def support_spheres(corners, tree, most) -> SupportSpheres:
 
 
 def _spread(spheres):
-    """Spheres in an order in which each is as far as possible from those before."""
+    """Return spheres in an order in which each is as far as possible from those before."""
     if len(spheres) == 0:
         return spheres
     order = [int(np.linalg.norm(spheres[:, :3], axis=1).argmax())]
@@ -393,7 +393,7 @@ class _SphereFit:
         )
 
     def sphere(self, place, others, touches):
-        """A sphere (4,) at a place that touches faces, as its cell, the mesh and other spheres allow."""
+        """Return the largest free sphere (4,) at a place, in its cell, that touches faces; None if none."""
         center = self.start(place)
         if center is None:
             return None
@@ -423,7 +423,7 @@ class _SphereFit:
         return self.polished(center, radius, rows, limits, equal, equal_to)
 
     def start(self, place):
-        """A point inside the mesh close to a place of its surface."""
+        """Return a free point inside the mesh close to a place of its surface; None if none was found."""
         _, *q = nearest_on_mesh(self.tree, *place, self.far)
         near = np.linalg.norm(self.corners - place, axis=2).min(axis=1)
         incident = self.corners[near <= near.min() + 1e-9 * self.size]
@@ -440,12 +440,12 @@ class _SphereFit:
         return None
 
     def distance(self, point):
-        """Distance of a point from the mesh and the spheres."""
+        """Return the distance of a point from the mesh and the spheres."""
         gaps = np.linalg.norm(self.spheres[:, :3] - point, axis=1) - self.spheres[:, 3]
         return min(nearest_on_mesh(self.tree, *point, self.far)[0], gaps.min(initial=np.inf))
 
     def free(self, point, features):
-        """Distance of a point from the mesh and the spheres; the nearest feature is added to those known.
+        """Return the distance of a point from mesh and spheres, and add the nearest feature to ``features``.
 
         A feature is a point, the normal of a plane through it or None, and a radius about it.
         """
@@ -466,7 +466,7 @@ class _SphereFit:
         return distance
 
     def fixed_rows(self, place, others):
-        """Rows (r, 4) and limits of what holds everywhere: the hull, and the place's cell."""
+        """Return rows (r, 4) and limits (r,) of the constraints of hull and cell, which hold everywhere."""
         below = self.heights - self.normals @ place
         near = np.argsort(below)[:_NEIGHBOURS]
         near = near[below[near] < NEAR * self.size]
@@ -481,13 +481,13 @@ class _SphereFit:
         )
 
     def merit(self, center, radius, place, equal, equal_to):
-        """The radius less penalties for gaps to the faces to touch, and to the place."""
+        """Return the radius less penalties for gaps to the faces to touch, and to the place."""
         gaps = equal_to - equal @ [*center, radius]
         far = max(0.0, np.linalg.norm(place - center) - radius - REACH * self.size)
         return radius - _GAP_PENALTY * np.abs(gaps).sum() - _PLACE_PENALTY * far
 
     def solve(self, center, place, rows, limits, equal, equal_to, features, trust):
-        """Centre and radius of the best sphere by what is known around a point."""
+        """Return centre, radius and merit of the best sphere by the linear programme at a point, or None."""
         from scipy.optimize import linprog
 
         planes, values = [], []
@@ -517,7 +517,7 @@ class _SphereFit:
         return found.x[:3], found.x[3], -found.fun
 
     def polished(self, center, radius, rows, limits, equal, equal_to):
-        """The sphere, with the faces touched to round-off that it touches, and within all that bounds it."""
+        """Return the sphere (4,) moved onto its faces to round-off, within bounds; None if too small."""
         gaps = equal_to - equal @ [*center, radius]
         close = np.abs(gaps) < _TOUCHING * self.size
         if close.any():

@@ -36,10 +36,10 @@ def surface_gap(corners, spheres) -> float:
 
 @kernel
 def bounded_gap(grid, spheres, corners):
-    """Upper bound of the gap by branch and bound; the grid's reach as soon as a point lies beyond it.
+    """Return an upper bound of the gap by branch and bound, or the grid's reach if a point is beyond it.
 
-    The distance to the packing changes by no more than the way along the surface, so it is bounded over a
-    triangle by its value at the middle plus the distance to the farthest corner. Triangles that may hold more
+    The distance to the packing changes by at most the distance along the surface. Over a triangle, it is
+    bounded by its value at the middle plus the distance to the farthest corner. Triangles that may hold more
     than the gap found so far are halved.
     """
     stack = np.empty((STACK, 3, 3))

@@ -15,8 +15,9 @@ RECORD = 16
 
 
 class TriangleTree(NamedTuple):
-    """Triangles in the order of a complete binary tree's leaves; node 1 is the root, node i has 2i and 2i +
-    1.
+    """Triangles in the order of the leaves of a complete binary tree.
+
+    Node 1 is the root; the children of node i are 2 i and 2 i + 1.
     """
 
     boxes: np.ndarray  # (nodes, 6) lower and upper corner
@@ -63,7 +64,7 @@ def triangle_records(corners):
 
 @kernel
 def box_distance_squared(boxes, node, x, y, z):
-    """Squared distance from a point to a node's box; 0 inside."""
+    """Return the squared distance from a point to a node's box, 0 inside."""
     dx = max(boxes[node, 0] - x, 0.0, x - boxes[node, 3])
     dy = max(boxes[node, 1] - y, 0.0, y - boxes[node, 4])
     dz = max(boxes[node, 2] - z, 0.0, z - boxes[node, 5])
@@ -72,8 +73,9 @@ def box_distance_squared(boxes, node, x, y, z):
 
 @kernel
 def offset_from_triangle(t, px, py, pz, height):
-    """Vector to a point from a triangle's nearest point; p is taken from the corner, height over
-    the plane.
+    """Return the vector from a triangle's nearest point to a point.
+
+    The point is p from the triangle's corner, and ``height`` above its plane.
     """
     b1 = t[6] * px + t[7] * py + t[8] * pz
     b2 = t[9] * px + t[10] * py + t[11] * pz
@@ -102,7 +104,7 @@ def offset_from_triangle(t, px, py, pz, height):
 
 @kernel
 def nearest_on_mesh(tree, x, y, z, bound):
-    """The mesh's point nearest to (x, y, z), if it is nearer than ``bound``.
+    """Find the mesh's point nearest to (x, y, z), if it is nearer than ``bound``.
 
     Returns
     -------
