@@ -1,4 +1,4 @@
-"""What calibration may change: parameters of a scene, and the noise of recorded poses, by their names."""
+"""Quantities that calibration can fit, by name: parameters of a scene, and the noise of recorded poses."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ _FACTOR = 0.7  # standard deviation of the logarithm of what is known to a facto
 
 
 class Model(NamedTuple):
-    """What predictions of recorded motions are made with."""
+    """Scene and pose noise with which recorded motions are predicted."""
 
     scene: Scene  # of one body
-    #: by how much the poses that a start is fitted to err, each independently, along each axis [m]
+    #: position_noise, rotation_noise: standard deviations of the independent errors of the poses that a
+    #: start is fitted to, along each axis [m], [rad]
     position_noise: float
-    rotation_noise: float  # likewise of their rotations [rad]
+    rotation_noise: float
 
 
 @dataclass(frozen=True)
@@ -47,22 +48,22 @@ class Adjustable:
     keeps_scene: bool = True  # whether the scene's value, if it is not 0, is the median of the prior
 
     def prior_median(self, model: Model) -> float:
-        """Median of the prior under a model, where the search begins."""
+        """Return the median of the prior under a model, where the search begins."""
         value = self.get(model) if self.keeps_scene else 0.0
         return float(np.clip(value or self.typical, self.low, self.high))
 
     def scaled(self, value: float) -> float:
-        """The value in standard deviations of the prior."""
+        """Return a value in standard deviations of the prior."""
         return (math.log(value) if self.relative else value) / self.prior_std
 
     def unscaled(self, scaled: float) -> float:
-        """The value from standard deviations of the prior."""
+        """Return the value, within its bounds, that `scaled` maps to this number."""
         by = scaled * self.prior_std
         return float(np.clip(math.exp(by) if self.relative else by, self.low, self.high))
 
 
 def _of_scene(name, unit, about, low, high, typical, keeps_scene=True):
-    """A positive adjustable that is a field of the scene."""
+    """Return the adjustable of a positive field of the scene."""
 
     def put(model, value):
         return model._replace(scene=replace(model.scene, **{name: value}))
@@ -83,7 +84,7 @@ def _of_scene(name, unit, about, low, high, typical, keeps_scene=True):
 
 
 def _material(name, about, low, high, prior_std, relative=False):
-    """Friction or restitution between the body and all else: none keeps one of its own."""
+    """Return the adjustable of friction or restitution; it replaces values of bodies and elements."""
 
     def get(model):
         values = getattr(model.scene.materials, name)
@@ -112,7 +113,7 @@ def _with_inertia(model, factor):
 
 
 def _raised(reference):
-    """Get and put of how far the environment lies higher than in a reference scene."""
+    """Return ``get`` and ``put`` of the height of the environment [m], relative to a reference scene."""
     up = -reference.gravity / max(np.linalg.norm(reference.gravity), 1e-300)
 
     def height(scene):
@@ -158,7 +159,7 @@ def _noise(name, unit, about, low, high):
 
 
 def adjustables(scene: Scene) -> dict[str, Adjustable]:
-    """All that can be fitted about a scene, by name; heights count from those of this scene."""
+    """Return all adjustables of a scene by name; heights are relative to this scene."""
     point = 0.05 * moving_body(scene).model.bounding_radius
     known = (
         _material("friction", "coefficient of friction between body and surroundings", 0.005, 3.0, 0.5, True),
@@ -237,7 +238,7 @@ def fitted_by_default(scene: Scene) -> list[str]:
 
 
 def chosen(scene: Scene, names: Sequence[str]) -> list[Adjustable]:
-    """The adjustables of these names; raises `InvalidOptionError` for an unknown one."""
+    """Return the adjustables of some names, each once; raise `InvalidOptionError` for an unknown name."""
     known = adjustables(scene)
     for name in names:
         if name not in known:
@@ -246,7 +247,7 @@ def chosen(scene: Scene, names: Sequence[str]) -> list[Adjustable]:
 
 
 def with_values(model: Model, adjusted: Sequence[Adjustable], values: Mapping[str, float]) -> Model:
-    """The model with some of its numbers changed."""
+    """Return a model with the values of some adjustables, by their names."""
     for one in adjusted:
         model = one.put(model, values[one.name])
     return model

@@ -1,4 +1,4 @@
-"""Fits what a scene's model leaves open to recorded motions."""
+"""Fit uncertain parameters of a scene to recorded motions."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from .search import Search
 from .uncertainty import refine, refining
 
 EVALUATIONS = 80
-_SEARCHED = 12  # motions, at most, that values are sought with before all say how certain they are
-_LEVEL = 0.9  # of the regions by which a model is doubted
-_SURE = 4.0  # standard errors by which it is missed then: it is asked four times, of values that err too
-_NOISE = 3.0  # errors of recorded poses over what one flight shows of them, to begin with
+_SEARCHED = 12  # motions, at most, of the search; the uncertainty is then estimated from all motions
+_LEVEL = 0.9  # level of the regions whose coverage is checked
+_SURE = 4.0  # standard errors below it that raise a doubt: there are four checks, and fitted values err
+_NOISE = 3.0  # first guess of the noise of recorded poses, over the residuals of free flights
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class Fitted:
     ----------
     name, unit, about : str
     before : float
-        The scene's own.
+        Value in the given scene.
     value : float
     std : float
-        Of the value, as motions differ; at most that of the prior.
+        Standard deviation of the value, from the differences between motions; at most that of the prior.
     determined : bool
-        Whether the motions say more of the value than its prior.
+        Whether the standard deviation is clearly below that of the prior.
     """
 
     name: str
@@ -55,25 +55,25 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What `calibrate` found.
+    """Result of `calibrate`.
 
     Attributes
     ----------
     before, after : Model
-        The scene as it was given, with the noise that the flights show, and with the fitted values.
+        Before: the given scene, with the pose noise of the free flights. After: with the fitted values.
     fitted : tuple of Fitted
     scores_before, scores_after : tuple of Scores
-        Of each motion that was used, by other draws than the fit's.
+        Of each motion that was used, with other random draws than the fit.
     recorded : tuple of Recorded
-        These motions.
+        The motions that were used.
     gravity : (3,) array or None
-        What the free flights say of it, world axes [m/s^2]; None without long ones.
+        Acceleration of the free flights, world axes [m/s^2]; None without long flights.
     objective : tuple of 2 floats
         Mean score before and after, the lower the better.
     evaluations : int
-        Parameter sets that were tried.
+        Number of parameter sets that were tried.
     bounds : tuple of (float, float)
-        Between which each value was sought.
+        Bounds of the search for each value.
     """
 
     before: Model
@@ -94,7 +94,7 @@ class Calibration:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What speaks against the fit, in sentences: small regions, values at a bound or not settled."""
+        """Sentences about problems of the fit: low coverage, values at a bound or undetermined."""
         found, count = [], len(self.recorded)
         least = _LEVEL - _SURE * math.sqrt(_LEVEL * (1.0 - _LEVEL) / count)
         for what, quantity in (("positions", "position_rank"), ("rotations", "rotation_rank")):
@@ -190,9 +190,9 @@ def with_noise(scene: Scene, motions: Sequence[Recorded]) -> Model:
 
 
 class Fit(NamedTuple):
-    """What `fit_model` found."""
+    """Result of `fit_model`."""
 
-    #: with the fitted values; what motions leave open of friction and restitution is part of their spread
+    #: with the fitted values; the uncertainty of friction and restitution is part of their spread
     model: Model
     fitted: tuple[Fitted, ...]
     #: (float, float): mean scores of the motions before and after, without the penalty
@@ -235,7 +235,7 @@ def fit_model(
 
 
 def _widened(model, fitted):
-    """The model whose spread of friction and restitution includes what the motions leave open of them."""
+    """Return a model whose spread of friction and restitution includes the uncertainty of the fit."""
     scene, changes = model.scene, {}
     for one in fitted:
         if one.name in ("friction", "restitution"):

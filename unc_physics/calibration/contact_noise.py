@@ -31,15 +31,15 @@ from .flight import fit_start, flight_frames, moving_body, pose_noise
 from .motions import Motion
 from .quaternions import inverse, of_vectors, product, rotation_vectors
 
-#: What is fitted; the other fields of `ContactNoise` keep their values.
+#: Fields of `ContactNoise` that are fitted; the other fields keep their values.
 FITTED = ("velocity", "rotation", "lasting", "shape_position", "shape_rotation")
 LEAST_EVALUATIONS = 2 * len(FITTED)
 AHEAD = 0.2  # how far ahead predictions are scored, beside the present [s]
 _PRIOR_STD = 0.7  # of the logarithms of the values
 _WIDEST = 3.0  # bounds of the search, in standard deviations of the prior
 _AHEAD_EVERY = 2  # frames
-_LEAST_SCORE = -20.0  # of a pose: one motion that ends on another side does not decide
-_UNKNOWN = 2.0, 15.0  # standard deviations of velocities at first [m/s], [rad/s]
+_LEAST_SCORE = -20.0  # of a pose, so that one motion that ends on another side does not dominate
+_UNKNOWN = 2.0, 15.0  # initial standard deviations of velocities [m/s], [rad/s]
 
 
 class NoiseCalibration(NamedTuple):
@@ -51,7 +51,7 @@ class NoiseCalibration(NamedTuple):
     scores : (float, float)
         Mean logarithmic density of the recorded poses before and after; the higher the better.
     motions, evaluations : int
-        How many were used, and how many sets of values were tried.
+        Number of motions that were used, and of sets of values that were tried.
     """
 
     noise: ContactNoise
@@ -155,7 +155,7 @@ class _Shown(NamedTuple):
 
 
 def _shown(motion, scene, std, rate, seed, k):
-    """The motion at a rate, with errors; None if it does not begin in flight or has no contact."""
+    """Return a motion at a rate, with errors; None if it does not begin in flight or has no contact."""
     steps = np.arange(0.0, motion.duration + 1e-9, 1.0 / rate)
     frames = np.unique([int(np.abs(motion.times - time).argmin()) for time in steps])
     contact = int(np.searchsorted(frames, flight_frames(motion, scene)))
@@ -169,7 +169,7 @@ def _shown(motion, scene, std, rate, seed, k):
 
 
 def _score(one, scene, std, recorded, noise, members, seed):
-    """Logarithmic densities of a motion's poses, each at least `_LEAST_SCORE`."""
+    """Return the logarithmic densities (n,) of a motion's poses, each at least `_LEAST_SCORE`."""
     name, found = moving_body(scene).name, []
     tracker = _started(one, scene, noise, members, seed)
     for n, (time, pose) in enumerate(zip(one.times.tolist(), one.measured, strict=True)):
@@ -185,7 +185,7 @@ def _score(one, scene, std, recorded, noise, members, seed):
 
 
 def _started(one, scene, noise, members, seed):
-    """A tracker that nothing is known to but the first pose's whereabouts."""
+    """Return a tracker whose belief is the first pose, with unknown velocities."""
     mean, P = np.zeros((1, STATE)), np.zeros((1, ERROR, ERROR))
     mean[0, POSITION], mean[0, QUATERNION] = one.measured[0, :3], one.measured[0, 3:]
     spreads = zip(
@@ -197,7 +197,7 @@ def _started(one, scene, noise, members, seed):
 
 
 def _density(belief, pose, variances):
-    """Logarithm of the density of a recorded pose (7,)."""
+    """Return the log density of a recorded pose (7,), with error variances (6,), under a belief."""
     mean = belief.mean[0]
     turn = rotation_vectors(product(inverse(mean[QUATERNION]), pose[3:]))
     e = np.concatenate([pose[:3] - mean[POSITION], turn])

@@ -1,4 +1,4 @@
-"""The state that a motion begins with, from its first poses: before it touches anything it flies freely."""
+"""Initial state of a recorded motion, fitted to the first poses, in which the body flies freely."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from .quaternions import inverse as inverse_of
 from .quaternions import of_vectors, product, rotation_vectors
 
 FRAMES = 8  # of the first poses, at most, that the start is fitted to
-MARGIN = 2e-3  # to what a flying body must keep [m]
+MARGIN = 2e-3  # least distance of a flying body from the environment [m]
 _FEWEST = 3
-_LONG_FLIGHT = 10  # poses that tell gravity
+_LONG_FLIGHT = 10  # poses from which gravity is estimated
 _ROUNDS = 20  # at most, of the fit, which is linear but for the turning
-_ROUND = 1e-9  # relative difference of principal moments that are one
+_ROUND = 1e-9  # relative difference of principal moments that count as equal
 _SETTLED = 1e-9  # rad, rad/s
 _STEP = 5e-3  # of free turning [s]
 
 
 class FlightStart(NamedTuple):
-    """What a motion's first poses tell of its state at time 0."""
+    """State of a motion at time 0, fitted to its first poses."""
 
     state: np.ndarray  # (13,): as in `Belief`
     #: position_factor, rotation_factor: (12, 12): covariance of the error state for positions that err
@@ -54,13 +54,13 @@ class FlightStart(NamedTuple):
     freedom: int  # their degrees of freedom
 
     def belief(self, position_noise: float, rotation_noise: float) -> Belief:
-        """The belief at time 0, of poses that err by so much [m], [rad]."""
+        """Return the belief at time 0 for pose errors of these standard deviations [m], [rad]."""
         P = position_noise**2 * self.position_factor + rotation_noise**2 * self.rotation_factor
         return Belief(self.state[None], P[None])
 
 
 def moving_body(scene: Scene) -> RigidBody:
-    """The one body of a scene; raises `InvalidRequestError` if there are several, or it is fixed."""
+    """Return the only body of a scene; raise `InvalidRequestError` if there are several, or it is fixed."""
     if len(scene.bodies) != 1 or not len(scene.moving):
         names = [body.name for body in scene.bodies]
         raise InvalidRequestError(
@@ -70,7 +70,7 @@ def moving_body(scene: Scene) -> RigidBody:
 
 
 def flight_frames(motion: Motion, scene: Scene) -> int:
-    """How many of a motion's first poses keep the `MARGIN` to all elements of the environment."""
+    """Return how many of a motion's first poses keep the `MARGIN` to all elements of the environment."""
     body = moving_body(scene)
     hull = shape_of(body.model).hull
     centers, radii = body.model.centers[hull], body.model.radii[hull]
@@ -83,10 +83,9 @@ def flight_frames(motion: Motion, scene: Scene) -> int:
 
 
 def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> FlightStart | None:
-    """Fit a free flight to at most ``frames`` of the first poses; velocities need no differences of poses.
+    """Fit a free flight to at most ``frames`` of the first poses; return None with fewer than three of them.
 
-    The scene gives gravity, inertia, and what there is to touch. None where fewer than three poses come
-    before the first contact.
+    Only poses before the first contact count. Gravity, inertia and environment are those of the scene.
     """
     count = min(flight_frames(motion, scene), frames)
     if count < _FEWEST:
@@ -131,7 +130,7 @@ def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> FlightStart
 
 
 def _free_turning(quaternion, spin, times, inertia):
-    """(n, 4): orientations at times from 0 on, without torque; ``inertia`` (3, 3) is in body axes."""
+    """Return orientations (n, 4) at times from 0 on, without torque; ``inertia`` (3, 3) is in body axes."""
     if np.ptp(np.linalg.eigvalsh(inertia)) < _ROUND * inertia[0, 0]:
         return product(of_vectors(times[:, None] * spin), quaternion)
     R = rotation_matrix(quaternion)
@@ -152,9 +151,9 @@ def _free_turning(quaternion, spin, times, inertia):
 
 
 def pose_noise(starts: Sequence[FlightStart]) -> tuple[float, float]:
-    """Standard deviations of positions [m] and rotations [rad] about free flights, along each axis.
+    """Return the standard deviations, along each axis, of poses about free flights [m], [rad].
 
-    Trackers filter, so their errors last from pose to pose and show here in part only.
+    Trackers filter. Their errors are correlated over time, and the residuals show only a part of them.
     """
     freedom = sum(start.freedom for start in starts)
     position = sum(start.position_squares for start in starts) / max(freedom, 1)
@@ -163,10 +162,10 @@ def pose_noise(starts: Sequence[FlightStart]) -> tuple[float, float]:
 
 
 def flight_gravity(motions: Sequence[Motion], scene: Scene) -> np.ndarray | None:
-    """Median acceleration of the flights (3,), world axes [m/s^2]; None where all are short.
+    """Return the median acceleration of the flights (3,), world axes [m/s^2].
 
-    It need not point where the scene's gravity does: tables, and the axes that a tracker calls vertical, are
-    off by milliradians. None also where the scene has no gravity.
+    None if all flights are short, or the scene has no gravity. Its direction may differ from the scene's
+    gravity: tables, and the vertical axes of trackers, are tilted by milliradians.
     """
     if not np.any(scene.gravity):
         return None

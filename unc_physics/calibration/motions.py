@@ -22,15 +22,15 @@ from ..spatial.layout import POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
 
 COLUMNS = ("time", "x", "y", "z", "qx", "qy", "qz", "qw")
-#: Column of a CSV file that tells several motions apart.
+#: Column of a CSV file that names the motion of each row.
 MOTION = "motion"
-#: Messages that hold a pose, and how many texts stand between their stamp and the pose.
+#: Message types that hold a pose, and the number of strings between stamp and pose.
 POSES = {
     "geometry_msgs/msg/PoseStamped": 1,
     "geometry_msgs/msg/PoseWithCovarianceStamped": 1,
     "nav_msgs/msg/Odometry": 2,
 }
-_HEAD = 4  # bytes that tell the encoding, from whose end all is aligned
+_HEAD = 4  # bytes of the encapsulation header; alignment counts from its end
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,11 @@ class Motion:
         return float(self.times[-1])
 
     def nearest(self, time: float) -> float:
-        """The time of the pose that is nearest to a time [s]."""
+        """Return the time of the pose that is nearest to a time [s]."""
         return float(self.times[np.argmin(np.abs(self.times - time))])
 
     def pose(self, time: float) -> np.ndarray:
-        """(7,): the pose at a time [s], between two poses on the straight way."""
+        """Return the pose (7,) at a time [s], interpolated linearly between two poses."""
         k = int(np.clip(np.searchsorted(self.times, time), 1, len(self.times) - 1))
         share = (time - self.times[k - 1]) / (self.times[k] - self.times[k - 1])
         first, second = self.poses[k - 1], self.poses[k].copy()
@@ -138,7 +138,7 @@ def read_motions(
 
 
 def _of_center(motion, origin):
-    """The motion of the centre of mass, where that of another point was recorded."""
+    """Return the motion of the centre of mass from that of the point ``origin`` in the body frame."""
     poses = motion.poses.copy()
     for k in range(len(poses)):
         poses[k, :3] -= rotation_matrix(poses[k, 3:]) @ origin
@@ -217,7 +217,7 @@ def _rows_of_csv(path):
 
 
 def _read_rosbag(path, topic: str | None = None) -> tuple[str, np.ndarray, np.ndarray]:
-    """Name, times (n,) [s] and poses (n, 7) of a topic, with ``rosbag2_py``."""
+    """Return name, times (n,) [s] and poses (n, 7) of a topic, read with ``rosbag2_py``."""
     import rosbag2_py  # pyright: ignore[reportMissingImports]
 
     reader: Any = rosbag2_py.SequentialReader()
@@ -239,9 +239,9 @@ def _read_rosbag(path, topic: str | None = None) -> tuple[str, np.ndarray, np.nd
 
 
 def pose_in(data: bytes, kind: str) -> list[float]:
-    """Time [s], position and quaternion in a serialized message (CDR, as ROS 2 writes it).
+    """Return time [s], position and quaternion in a serialized message (CDR, as ROS 2 writes it).
 
-    Read here, because ROS' own reader comes with all of its client library.
+    ROS' own deserialization would need its whole client library.
     """
     order = "<" if data[1] & 1 else ">"
     seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, _HEAD)

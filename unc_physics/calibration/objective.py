@@ -25,8 +25,8 @@ from .quaternions import of_vectors, product
 TIMES = (0.1, 0.2, 0.4)  # after the start at which predictions are scored, beside the end [s]
 DRAWS = 480  # samples of all motions together
 WEIGHTS = 0.3, 1.0  # of the logarithmic scores of poses, and of how a body lies at the end
-_WIDE = 0.2, 1.5  # of what no sample showed [m], [rad]
-_LOST = 1e3  # m, from which a sample counts as thrown away
+_WIDE = 0.2, 1.5  # standard deviations of the wide part of densities (`scores.gaussian_scores`) [m], [rad]
+_LOST = 1e3  # distance from the origin at which a sample counts as diverged [m]
 
 #: Function of a scene, a belief, ascending times [s], a number of samples and a seed: states (n, 13) at each.
 Simulator = Callable[[Scene, Belief, Sequence[float], int, int], Sequence[np.ndarray]]
@@ -35,7 +35,7 @@ Simulator = Callable[[Scene, Belief, Sequence[float], int, int], Sequence[np.nda
 def simulated(
     scene: Scene, belief: Belief, times: Sequence[float], samples: int, seed: int
 ) -> list[np.ndarray]:
-    """States (n, 13) of the one body at each of the times, by Monte Carlo."""
+    """Return states (n, 13) of the only body at each of the times, by Monte Carlo."""
     propagator = make_propagator(REFERENCE, samples=samples, seed=seed)
     prediction = predict(scene, belief, propagator, times=times)
     return [prediction.samples(time=time)[:, 0] for time in prediction.times]
@@ -50,7 +50,7 @@ class Start(Protocol):
         ...
 
     def belief(self, position_noise: float, rotation_noise: float) -> Belief:
-        """The belief at time 0, of recorded poses that err by so much [m], [rad]."""
+        """Return the belief at time 0 for pose errors of these standard deviations [m], [rad]."""
         ...
 
 
@@ -69,10 +69,10 @@ def recorded(
     times: Sequence[float] = TIMES,
     starts: Sequence[Start] | None = None,
 ) -> list[Recorded]:
-    """Motions with their starts, which are fitted to the first poses where none are given.
+    """Return motions with their starts, which are by default fitted to the first poses.
 
-    Motions that touch something within their first poses are then left out; raises `InvalidRequestError` if
-    none is left.
+    Motions without enough poses before their first contact are then left out. Raises `InvalidRequestError`
+    if none is left.
     """
     found = []
     for k, motion in enumerate(motions):
@@ -92,7 +92,7 @@ def recorded(
 
 
 def as_recorded(states: Sequence[np.ndarray], model: Model, seed: int) -> list[np.ndarray]:
-    """States (n, 13) as recordings would show them: with errors of their own in position and rotation."""
+    """Return states (n, 13) with the errors of recorded poses added to position and rotation."""
     rng, found = np.random.default_rng([seed, 1]), []
     for x in states:
         noise, shown = rng.standard_normal((len(x), 6)), x.copy()
@@ -117,7 +117,7 @@ class Scores(NamedTuple):
 
 
 def scored(states: Sequence[np.ndarray], poses: Sequence[np.ndarray]) -> Scores:
-    """Scores of states (n, 13) at each time against poses (7,)."""
+    """Return the scores of predicted states (n, 13) at each time for the recorded poses (7,)."""
     errors = scores.pose_errors(np.array(states), np.array(poses))
     pairs = (errors.position, errors.seen_position), (errors.rotation, errors.seen_rotation)
     (of_position, position_rank), (of_rotation, rotation_rank) = (
@@ -139,19 +139,19 @@ def scored(states: Sequence[np.ndarray], poses: Sequence[np.ndarray]) -> Scores:
 
 @dataclass
 class Objective:
-    """One number for a model, the lower the better; and one for each motion."""
+    """Score of a model for recorded motions; the lower the better."""
 
     recorded: Sequence[Recorded]
     samples: int  # of each motion
     seed: int = 0  # motion k has the same draws, whatever the model
     simulate: Simulator = simulated  # makes the predictions
-    #: (float, float): of `Scores.density` and of `Scores.lies`, beside the energy scores, each over what it
-    #: is under the first model that is asked for
+    #: (float, float): weights of `Scores.density` and of `Scores.lies`, beside the energy scores. The latter
+    #: are divided by their means under the first model that is evaluated.
     weights: tuple[float, float] = WEIGHTS
     _unit: list[np.ndarray] = field(default_factory=list)
 
     def scores(self, model: Model) -> list[Scores]:
-        """Of every motion under a model."""
+        """Return the scores of each motion under a model."""
         scene = with_stiffness(model.scene, self.recorded[0].start.state[None])
         found = []
         for k, one in enumerate(self.recorded):
@@ -163,7 +163,7 @@ class Objective:
         return found
 
     def per_motion(self, model: Model) -> np.ndarray:
-        """(M,): a number for each motion."""
+        """Return the weighted sum of the scores of each motion (M,)."""
         found = self.scores(model)
         if not self._unit:
             self._unit = [np.maximum(_means(found, name), 1e-9) for name in ("position", "rotation")]
@@ -178,12 +178,12 @@ class Objective:
 
 
 def seed_of(seed: int, k: int) -> int:
-    """The seed of motion k's draws."""
+    """Return the seed of motion k's draws."""
     return int(np.random.SeedSequence([seed, k]).generate_state(1)[0])
 
 
 def _means(found, name):
-    """Mean over motions at each time, counted from the last, as some motions are shorter."""
+    """Return the means over motions at each time (T,); shorter motions lack the first times."""
     own = [getattr(one, name) for one in found]
     length = max(map(len, own))
     rows = [np.concatenate([np.full(length - len(values), np.nan), values]) for values in own]

@@ -1,4 +1,4 @@
-"""The penalised score of a model: proper scores of motions, and how far its values are from their priors."""
+"""Penalised score of a model: proper scores of motions, and a penalty for values far from their priors."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from ..checks.errors import UncPhysicsError
 from .adjustable import Adjustable, Model, with_values
 from .objective import Objective
 
-#: By how much the score of one of many motions must be better for a value that is a standard deviation of its
-#: prior off: half of it.
+#: Weight of the priors for many motions: all motions together must improve by half of it for a value one
+#: standard deviation from its prior's median.
 PRIOR_WEIGHT = 0.5
 #: Number of motions at which the weight of the prior is twice that.
 FEW_MOTIONS = 8
@@ -52,15 +52,15 @@ class Posterior:
         self.curvature = prior_weight(count) / count
 
     def values(self, x: np.ndarray) -> dict[str, float]:
-        """The values of scaled ones (K,), by their names."""
+        """Return the values of scaled values (K,), by their names."""
         return {one.name: one.unscaled(float(u)) for one, u in zip(self.adjusted, x, strict=True)}
 
     def with_values(self, x: np.ndarray) -> Model:
-        """The model with scaled values (K,)."""
+        """Return the model with scaled values (K,)."""
         return with_values(self.model, self.adjusted, self.values(x))
 
     def at(self, x: np.ndarray) -> np.ndarray:
-        """(M,): the penalised score of each motion at scaled values (K,)."""
+        """Return the penalised score of each motion (M,) at scaled values (K,)."""
         try:
             found = self.objective.per_motion(self.with_values(x))
         except UncPhysicsError:  # such as a diverging simulation
@@ -70,7 +70,7 @@ class Posterior:
         return found
 
     def moved(self, x: np.ndarray, k: int, by: float) -> np.ndarray:
-        """Scaled values (K,) with one changed, within its bounds."""
+        """Return scaled values (K,) with value k changed by ``by``, within its bounds."""
         moved = x.copy()
         moved[k] = np.clip(moved[k] + by, self.low[k], self.high[k])
         return moved

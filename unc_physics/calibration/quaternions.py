@@ -8,7 +8,7 @@ _ROUNDS = 10  # of the mean, at most
 
 
 def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """The rotations q followed by p."""
+    """Return the products p q: rotation q followed by p."""
     a, b, c, d = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
     x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     found = np.empty(np.broadcast_shapes(p.shape, q.shape))
@@ -20,12 +20,12 @@ def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def inverse(q: np.ndarray) -> np.ndarray:
-    """The rotations back."""
+    """Return the inverse rotations."""
     return q * [-1.0, -1.0, -1.0, 1.0]
 
 
 def rotation_vectors(q: np.ndarray) -> np.ndarray:
-    """(..., 3): rotation vectors, no longer than half a turn [rad]."""
+    """Return rotation vectors (..., 3), of at most half a turn [rad]."""
     q = np.where(q[..., 3:] < 0.0, -q, q)
     size = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
     small = size < 1e-12
@@ -34,13 +34,13 @@ def rotation_vectors(q: np.ndarray) -> np.ndarray:
 
 
 def of_vectors(turns: np.ndarray) -> np.ndarray:
-    """Quaternions of rotation vectors (..., 3)."""
+    """Return the quaternions of rotation vectors (..., 3) [rad]."""
     angle = np.linalg.norm(turns, axis=-1, keepdims=True)
     return np.concatenate([0.5 * np.sinc(0.5 * angle / np.pi) * turns, np.cos(0.5 * angle)], axis=-1)
 
 
 def mean(q: np.ndarray) -> np.ndarray:
-    """(..., 4): the Karcher means of quaternions (..., n, 4)."""
+    """Return the Karcher means (..., 4) of quaternions (..., n, 4)."""
     middle = np.linalg.eigh(np.einsum("...ni,...nj->...ij", q, q))[1][..., -1]
     for _ in range(_ROUNDS):
         turn = rotation_vectors(product(inverse(middle)[..., None, :], q)).mean(axis=-2)

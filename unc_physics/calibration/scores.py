@@ -1,4 +1,4 @@
-"""Proper scores of predictions by samples against what really came: the lower the better."""
+"""Proper scores of predicted samples for an observed outcome; the lower the better."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 from ..spatial.layout import POSITION, QUATERNION
 from .quaternions import inverse, mean, product, rotation_vectors
 
-UP_ANGLE = 0.5  # rad, within which a body lies as another does
-OUTSIDE = 0.05  # of what the samples' Gaussian does not know
+UP_ANGLE = 0.5  # angle between upward directions below which the same side of two bodies is up [rad]
+OUTSIDE = 0.05  # weight of the wide part of a density (`gaussian_scores`)
 
 
 def energy_score(samples: np.ndarray, observed: np.ndarray, fair: bool = False) -> float:
-    """Mean distance from samples (n, d) to what came (d,), less half of that between two samples.
+    """Return the energy score of samples (n, d) for an observation (d,).
 
-    Where ``fair``, between two different ones: its expectation is then that of endless samples, where few
-    would score better the closer they lie to each other.
+    It is the mean distance from the samples to the observation, less half the mean distance between two
+    samples. If ``fair``, these are two different samples. The expectation is then that of infinitely many
+    samples; otherwise few samples score better the closer they are to each other.
 
     Sources: T. Gneiting and A. E. Raftery, Strictly Proper Scoring Rules, Prediction, and Estimation, 2007;
     C. A. T. Ferro, Fair scores for ensemble forecasts, 2014.
@@ -30,17 +31,17 @@ def energy_score(samples: np.ndarray, observed: np.ndarray, fair: bool = False) 
 
 
 def _between(distances, fair):
-    """Mean of the distances (n, n) between samples, where ``fair`` without those to themselves."""
+    """Return the mean of distances (n, n) between samples; if ``fair``, without the diagonal."""
     return np.sum(distances) / (len(distances) * max(len(distances) - fair, 1))
 
 
 def chord(cosine: np.ndarray) -> np.ndarray:
-    """2 sin(angle / 2) of two rotations from the product of their quaternions: a distance of matrices."""
+    """Return 2 sin(angle / 2) of two rotations from the dot product of their quaternions."""
     return 2.0 * np.sqrt(np.maximum(1.0 - np.minimum(cosine**2, 1.0), 0.0))
 
 
 def angle(cosine: np.ndarray) -> np.ndarray:
-    """The angle between two rotations from the product of their quaternions [rad]."""
+    """Return the angle between two rotations from the dot product of their quaternions [rad]."""
     return 2.0 * np.arccos(np.minimum(np.abs(cosine), 1.0))
 
 
@@ -50,10 +51,10 @@ def rotation_energy_score(
     distance: Callable[[np.ndarray], np.ndarray] = chord,
     fair: bool = False,
 ) -> float:
-    """Energy score of rotations [rad], of quaternions (n, 4) against one (4,).
+    """Return the energy score [rad] of quaternions (n, 4) for an observed quaternion (4,).
 
-    With `chord` it is strictly proper, as that of matrices is; `angle` is easier to read, and the same where
-    angles are small.
+    With `chord`, a distance of rotation matrices, the score is strictly proper. `angle` is easier to read,
+    and equal for small angles.
     """
     between = distance(quaternions @ quaternions.T)
     np.fill_diagonal(between, 0.0)
@@ -61,35 +62,38 @@ def rotation_energy_score(
 
 
 def fair_brier_score(hits: np.ndarray) -> float:
-    """Squared share of samples (n,) that did not do what really came, on average that of endless samples."""
+    """Return the Brier score of an event that happened; its expectation is that of infinitely many samples.
+
+    ``hits`` (n,) says in which samples the event happens.
+    """
     misses = 1.0 - float(np.mean(hits))
     return misses**2 - misses * (1.0 - misses) / max(len(hits) - 1, 1)
 
 
 def lies_alike(quaternions: np.ndarray, observed: np.ndarray) -> np.ndarray:
-    """(n,) bool: whether bodies with quaternions (n, 4) have the same side up as one with (4,)."""
+    """Return whether bodies with quaternions (n, 4) have the same side up as one with (4,): (n,) bool."""
     return up(quaternions) @ up(observed) > np.cos(UP_ANGLE)
 
 
 def up(quaternions: np.ndarray) -> np.ndarray:
-    """(..., 3): the world's z axis in the axes of bodies with quaternions (..., 4)."""
+    """Return the world's z axis (..., 3) in the axes of bodies with quaternions (..., 4)."""
     x, y, z, w = np.moveaxis(np.asarray(quaternions), -1, 0)
     return np.stack([2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)], axis=-1)
 
 
 class PoseErrors(NamedTuple):
-    """Samples of a pose, and what came, as errors from the samples' mean."""
+    """Samples of a pose and the observed pose, as errors from the samples' mean."""
 
     #: position, rotation: (..., n, 3): of the samples, world axes [m] and body axes [rad]
     position: np.ndarray
     rotation: np.ndarray
-    #: seen_position, seen_rotation: (..., 3): of what came
+    #: seen_position, seen_rotation: (..., 3): of the observed pose
     seen_position: np.ndarray
     seen_rotation: np.ndarray
 
 
 def pose_errors(states: np.ndarray, observed: np.ndarray) -> PoseErrors:
-    """Errors of states (..., n, 13) and of poses (..., 7)."""
+    """Return the errors of states (..., n, 13) and of observed poses (..., 7) from the states' mean."""
     middle = states[..., POSITION].mean(axis=-2)
     back = inverse(mean(states[..., QUATERNION]))
     return PoseErrors(
@@ -101,28 +105,30 @@ def pose_errors(states: np.ndarray, observed: np.ndarray) -> PoseErrors:
 
 
 def gaussian_scores(errors: np.ndarray, observed: np.ndarray, wide: float) -> tuple[np.ndarray, np.ndarray]:
-    """Compare what came (..., d) with the Gaussian of samples, errors (..., n, d) from their mean.
+    """Score an observation (..., d) under the Gaussian of samples.
 
     Parameters
     ----------
     errors : (..., n, d) array
+        Errors of the samples from their mean.
     observed : (..., d) array
+        Error of the observation from the same mean.
     wide : float
-        With a share of `OUTSIDE` the density is a Gaussian of this standard deviation in each direction, so
-        that what no sample showed costs much, but not all.
+        Standard deviation, in each direction, of a second Gaussian with weight `OUTSIDE` in the density. It
+        limits the cost of observations far from all samples.
 
     Returns
     -------
     log_score : (...) array
-        Negative logarithm of the density of what came, per dimension.
+        Negative logarithm of the density of the observation, per dimension.
     rank : (...) array
-        Share of samples nearer to their mean than what came, by Mahalanobis distance. It is uniform between
-        0 and 1 where predictions are right: the region of 90 % holds what has at most 0.9.
+        Share of samples nearer to their mean than the observation, by Mahalanobis distance. If predictions
+        are right, it is uniform between 0 and 1: at most 0.9 within the region of 90 %.
 
     Notes
     -----
-    The Gaussian of few samples is too sure of itself, which would reward spread: both terms of the score are
-    corrected by the moments of Wishart's distribution to what they are on average for endless samples.
+    The score of a Gaussian fitted to few samples is biased. Both of its terms are corrected by moments of the
+    Wishart distribution, so that their expectations are those of infinitely many samples.
     """
     count, dimensions = errors.shape[-2:]
     samples, seen, root_determinant = _whitened(errors, observed)
@@ -138,15 +144,16 @@ def gaussian_scores(errors: np.ndarray, observed: np.ndarray, wide: float) -> tu
 
 
 def _digamma(x):
-    """The logarithmic derivative of the gamma function: its recurrence, and its series from 6 on."""
+    """Return the logarithmic derivative of the gamma function, by its recurrence and its series from 6 on."""
     y = x + 6.0
     series = np.log(y) - 0.5 / y - 1.0 / (12.0 * y**2) + 1.0 / (120.0 * y**4)
     return series - sum(1.0 / (x + k) for k in range(6))
 
 
 def _whitened(errors, observed):
-    """Samples (..., n, d) and what came (..., d) in standard deviations, and half the covariance's log
-    determinant (...).
+    """Return samples (..., n, d) and observation (..., d) whitened by the samples' covariance.
+
+    Then half the logarithm of its determinant (...).
     """
     middle = errors.mean(axis=-2)
     centered = errors - middle[..., None, :]

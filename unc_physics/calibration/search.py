@@ -1,4 +1,4 @@
-"""The search for the values under which recorded motions are predicted best."""
+"""Search for the values under which recorded motions are predicted best."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _FIRST_STEP, _LAST_STEP = 0.7, 0.07  # of the search, in standard deviations of 
 
 
 class Search:
-    """A search for the values whose penalised score is least, from the medians of their priors on."""
+    """Minimization of the penalised score, from the medians of the priors."""
 
     def __init__(self, posterior: Posterior):
         self._posterior = posterior
@@ -29,9 +29,9 @@ class Search:
         return self._points[int(np.argmin(self._scores))]
 
     def approach(self) -> None:
-        """Go a step along each axis, back where that is worse; then on along all of them while it is better.
+        """Step along each axis, backwards if forwards is worse; then repeat the total step while it helps.
 
-        From a poor beginning it gets as far with half the models as the search that follows it.
+        From poor initial values this takes half as many models as `run` for the same score.
         """
         origin = self.best
         for k in range(len(origin)):
@@ -48,10 +48,10 @@ class Search:
                 break
 
     def run(self, evaluations: int) -> None:
-        """Try so many models, from the best so far.
+        """Minimize with at most ``evaluations`` models, from the best so far.
 
-        SciPy's COBYQA: quadratic models in a trust region, without derivatives, within bounds. Scores by
-        samples are rough at small steps, so it ends before it sees them.
+        SciPy's COBYQA uses quadratic models in a trust region, without derivatives, within bounds. Scores
+        from samples are noisy at small steps, so the search ends at a larger radius.
         """
         from scipy.optimize import minimize
 
@@ -69,7 +69,7 @@ class Search:
         )
 
     def _try(self, x):
-        """The mean score at scaled values (K,); remembered."""
+        """Return the mean score at scaled values (K,), and record both."""
         score = float(self._posterior.at(x).mean())
         self._points.append(np.array(x))
         self._scores.append(score)

@@ -1,4 +1,4 @@
-"""What a calibration found, as text: a table, and the lines of a scene file to paste."""
+"""Result of a calibration as text: a table, and lines of a scene file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PHYSICS = (*_MATERIAL, "impact_friction_speed", *IMPACT_STDS)
 
 
 def as_table(found: Calibration) -> str:
-    """Fitted values with their uncertainty, a line each, and what else the motions say."""
+    """Return a table of fitted values with their uncertainty, with lines on scores, gravity and doubts."""
     rows = [["", "before", "fitted", "std", "unit"]]
     for one in found.fitted:
         std = f"{one.std:.3g}" if one.determined else f"({one.std:.3g})"
@@ -41,7 +41,7 @@ def as_table(found: Calibration) -> str:
 
 
 def _about_gravity(found):
-    """A line where free flights do not fall as the scene's gravity says."""
+    """Return a line if the acceleration of free flights differs from the scene's gravity; else none."""
     own, seen = found.before.scene.gravity, found.gravity
     if seen is None:
         return []
@@ -57,7 +57,7 @@ def _about_gravity(found):
 
 
 def as_scene_file(scene: Scene) -> str:
-    """The lines of a scene file that hold what can be fitted, to paste into one's own."""
+    """Return the lines of a scene file with all values that can be fitted."""
     body = scene.bodies[0]
     content: dict = {key: value for key in _PHYSICS if (value := getattr(scene, key))}
     content["environment"] = [_element(element) for element in scene.environment]
@@ -70,7 +70,7 @@ def as_scene_file(scene: Scene) -> str:
 
 
 def _element(element):
-    """An element's entry in a scene file."""
+    """Return an element's entry in a scene file."""
     own = {}
     for name in quantities(type(element)):
         if name != "orientation" or not np.allclose(element.orientation, [0, 0, 0, 1]):

@@ -1,10 +1,9 @@
-"""How certain fitted values are: the penalised score as a quadratic about them (the sandwich estimator).
+"""Uncertainty of fitted values by the sandwich estimator: the penalised score is a quadratic about them.
 
-Slopes of the score differ from motion to motion, and its curvature says how far the best values would have
-moved for others. Both are differences over steps that are wide enough for the score to curve by several
-standard errors: over shorter ones scores by samples are rough. Where the score is no quadratic, how far it
-takes to be larger by a standard error counts, if that is more. The prior adds its own curvature, and an error
-of its median.
+The slopes of the score differ between motions. With its curvature they give the spread of the best values.
+Slopes and curvature are differences over steps over which the score curves by several standard errors, as
+scores from samples are noisy over shorter steps. Where the score is no quadratic, the distance at which it is
+larger by a standard error counts, if it is larger. The prior adds its curvature and the error of its median.
 """
 
 from __future__ import annotations
@@ -17,27 +16,27 @@ import numpy as np
 from .posterior import PRIOR_WEIGHT, Posterior
 
 _FIRST, _LARGEST = 0.7, 1.4  # steps of differences, in standard deviations of the priors
-_CLOSE = 0.3  # of a step, within which a bound is in the way
-_LOOKS = 3  # at most, for the step of a value
+_CLOSE = 0.3  # share of a step; nearer bounds make the difference one-sided
+_LOOKS = 3  # attempts, at most, to find the step of a value
 _SURE = 3.0  # standard errors by which a score must curve over a step
 _WIDE = 12.0  # standard deviations of a value that a step is at most
-_NARROWER = 0.8  # standard deviation over that of the prior, below which motions say something of it
+_NARROWER = 0.8  # standard deviation over that of the prior, below which a value is determined
 _LIKE_LIKELIHOOD = 4.0  # motions that count as if the score were a log likelihood over the weight
 _LEAST_CURVATURE = 0.1  # of a correlation matrix's eigenvalues, from below
 
 
 class Estimate(NamedTuple):
-    """Fitted values in standard deviations of their priors, and how certain they are: (K,) arrays."""
+    """Fitted values in standard deviations of their priors, with their uncertainty: (K,) arrays."""
 
     x: np.ndarray
     stds: np.ndarray  # standard deviations, at most those of the priors
-    determined: np.ndarray  # whether motions say more of the value than its prior
+    determined: np.ndarray  # whether the standard deviation is clearly below that of the prior
 
 
 class _Axis(NamedTuple):
     """The score of each of M motions along one coordinate, about the middle."""
 
-    step: float  # where it was looked at beside the middle; negative where a bound is in the way
+    step: float  # distance of the first point from the middle; negative if a bound is too near above
     beside: np.ndarray  # (M,): scores one step away
     #: slope, curvature: (M,)
     slope: np.ndarray
@@ -45,14 +44,14 @@ class _Axis(NamedTuple):
 
 
 def refining(count: int) -> int:
-    """Return about how many models `refine` tries for so many values."""
+    """Return about how many models `refine` tries for ``count`` values."""
     return 5 * count + count * (count - 1) // 6 + 2
 
 
 def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
-    """Return the values at which the penalised score is least, from others nearby, and how certain they are.
+    """Return the values that minimize the penalised score, with their uncertainty.
 
-    The posterior is that of all motions; ``x`` (K,) is where it begins, as the search found them.
+    The posterior is that of all motions; ``x`` (K,) are the scaled values that the search found.
     """
     x = np.clip(x, posterior.low, posterior.high)
     middle = posterior.at(x)
@@ -82,7 +81,7 @@ def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
 
 
 def _axis(posterior, x, middle, k) -> _Axis:
-    """Differences along coordinate k over a step that is wide enough, and not too wide."""
+    """Return the differences along coordinate k, over a step whose curvature exceeds the noise."""
     step = _FIRST
     for _ in range(_LOOKS):
         axis = _along(posterior, x, middle, k, step)
@@ -98,7 +97,7 @@ def _axis(posterior, x, middle, k) -> _Axis:
 
 
 def _along(posterior, x, middle, k, step) -> _Axis:
-    """Differences along coordinate k, less far towards a bound; on one side where it is too close."""
+    """Return the differences along coordinate k, over shorter steps or on one side only near a bound."""
     room = posterior.high[k] - x[k], x[k] - posterior.low[k]
     a, b = min(step, room[0]), -min(step, room[1])
     if min(a, -b) < _CLOSE * step:
@@ -111,19 +110,22 @@ def _along(posterior, x, middle, k, step) -> _Axis:
 
 
 def _curvature(posterior, axis):
-    """Of the mean score: at least that of the penalty."""
+    """Return the curvature of the mean score, at least that of the penalty."""
     return max(float(axis.curvature.mean()), posterior.curvature)
 
 
 def _std_alone(posterior, axis):
-    """Standard deviation of a value, were the others known."""
+    """Return the standard deviation of a value if all other values were known."""
     curvature = _curvature(posterior, axis)
     spread = _spread(axis.slope[:, None], curvature - posterior.curvature) / len(axis.slope)
     return math.sqrt(float(spread[0, 0]) + posterior.curvature**2) / curvature
 
 
 def _hessian(posterior, x, middle, axes, alone):
-    """(K, K): second derivatives of the mean score, positive definite; mixed ones of determined values."""
+    """Return the second derivatives of the mean score (K, K), made positive definite.
+
+    Mixed derivatives are computed only for pairs of determined values.
+    """
     H = np.diag([_curvature(posterior, axis) for axis in axes])
     size = np.sqrt(np.diagonal(H))
     for i, one in enumerate(axes):
@@ -139,15 +141,18 @@ def _hessian(posterior, x, middle, axes, alone):
 
 
 def _spread(slopes, hessian):
-    """Covariance of the slopes (M, K) of motions; of few, between theirs and that of a log likelihood."""
+    """Return the covariance (K, K) of the slopes (M, K) of motions.
+
+    For few motions it is shrunk towards the covariance that holds for a log likelihood.
+    """
     count, own = len(slopes), slopes - slopes.mean(axis=0)
     return (own.T @ own + _LIKE_LIKELIHOOD * PRIOR_WEIGHT * hessian) / (count - 1 + _LIKE_LIKELIHOOD)
 
 
 def _as_far_as_likely(posterior, x, middle, k, std):
-    """Standard deviation of a value by the score on both sides of it, which need not be alike.
+    """Return the standard deviation of a value from the increase of the score on both sides of it.
 
-    Of a quadratic score it is ``std``: two standard deviations away, the score is larger by one standard
+    For a quadratic score it is ``std``: two standard deviations away, the score is larger by one standard
     error of the difference.
     """
     both = np.array([_reach(posterior, x, middle, k, side * 2.0 * std) for side in (1.0, -1.0)])
@@ -155,7 +160,7 @@ def _as_far_as_likely(posterior, x, middle, k, std):
 
 
 def _reach(posterior, x, middle, k, by):
-    """How far from a value the score is larger by a standard error, looked at ``by`` from it at first."""
+    """Return the distance from value k at which the score is larger by a standard error; first try ``by``."""
     last, before = 0.0, 0.0
     farthest = min(2.0, posterior.high[k] - x[k] if by > 0.0 else x[k] - posterior.low[k])
     while last < farthest:
@@ -169,12 +174,12 @@ def _reach(posterior, x, middle, k, by):
 
 
 def _standard_error(values):
-    """Of the mean of (M,)."""
+    """Return the standard error of the mean of values (M,); infinite for one value."""
     return float(np.std(values, ddof=1) / math.sqrt(len(values))) if len(values) > 1 else math.inf
 
 
 def _least_in_box(slope, hessian, low, high):
-    """Where ``slope d + d hessian d / 2`` is least between two corners (K,): axis by axis, from 0."""
+    """Return the minimum (K,) of ``slope d + d hessian d / 2`` in a box, by coordinate descent from 0."""
     d = np.zeros(len(slope))
     for _ in range(200):
         before = d.copy()
