@@ -1,4 +1,4 @@
-"""The contract of propagators: what each one has, and the capabilities that some have besides.
+"""Interface of propagators: the methods that all have, and optional capabilities.
 
 A propagator has options, `Propagator.init`, `Propagator.advance` and `Propagator.belief`. The classes below
 it are capabilities: a propagator that inherits one has its methods, and callers ask
@@ -123,7 +123,7 @@ class Propagator(ABC):
 
     @classmethod
     def description(cls) -> str:
-        """Return a sentence about it: its docstring's first line."""
+        """Return the first line of the docstring."""
         return (cls.__doc__ or "").strip().splitlines()[0]
 
 
@@ -209,13 +209,13 @@ class Rollouts(ABC):
 
 
 class Spent(NamedTuple):
-    """Time that an anytime prediction has used, and beliefs that it has still to compute."""
+    """Time used by an anytime prediction, and measures of its present accuracy."""
 
     time: float  # wall time since it began [s]
     rollouts: float  # the share of its rollouts in that [s]
     answers: int  # number of times at which a belief is wanted
-    #: (E,): of the probabilities that were asked for: half widths of their intervals, in standard
-    #: deviations
+    #: (T E,): half widths of the confidence intervals of the requested probabilities at all times, over the
+    #: quantile of the confidence level: about their standard errors
     probability_errors: np.ndarray
     #: largest factor by which rare outcomes may widen a body's spread; None if no search was made
     rare: float | None = None
@@ -233,7 +233,7 @@ class Anytime(Rollouts):
         return self
 
     def looks_far(self, carry: Any, scene: Scene) -> bool:
-        """Return whether rare outcomes are to be looked for before the prediction ends (`Spent.rare`)."""
+        """Return whether to search for rare outcomes before the prediction ends (`Spent.rare`)."""
         return False
 
 
@@ -266,7 +266,7 @@ class Islands(ABC):
             Of the islands, after equally many steps.
         parts : sequence of Part
             Where each island's bodies are among the joint ones (`joining.joined_means`,
-            `joining.joined_history`).
+            `joining.joined_blocks`, `joining.joined_history`).
         joint : JointIsland
             The joint bodies.
         """

@@ -10,7 +10,7 @@ from ..spatial.rotation import cross, rotate, rotate_back
 
 @inner
 def contact_geometry(x, R, tree, dominant, k):
-    """The sphere pair of dominant contact ``k`` in the world frame.
+    """Return the geometry of the sphere pair of dominant contact ``k``, world frame.
 
     Returns
     -------
@@ -19,6 +19,7 @@ def contact_geometry(x, R, tree, dominant, k):
     D : tuple of 3 floats
         From sphere i's centre to sphere j's [m].
     r_i, r_j : float
+        Radii of the spheres [m].
     """
     i, j = dominant.bodies[k]
     a, b = dominant.spheres[k]
@@ -90,7 +91,7 @@ def contact_root(x, root, error_block, world, R, dominant, k):
 
 @inner
 def moved_by_column(root, row, c, R, arm):
-    """How column ``c`` moves a body: displacement, rotation in world axes, and change of ``arm``."""
+    """Return displacement, rotation and change of ``arm`` by column ``c`` of a body's errors, world axes."""
     if row < 0:
         zero = (0.0, 0.0, 0.0)
         return zero, zero, zero
@@ -121,7 +122,7 @@ def kick_column(root, row, c, df, torques, world, R, body):
 
 @inner
 def _inverse_inertia(world, R, body, tau):
-    """``I_world^-1 tau``."""
+    """Return ``I_world^-1 tau``, the angular acceleration by a torque in world axes."""
     x, y, z = rotate_back(R, tau[0], tau[1], tau[2])
     x, y, z = rotate(world.bodies.inverse_inertia[body], x, y, z)
     return rotate(R, x, y, z)

@@ -36,7 +36,8 @@ def reach(y, first, width):
 def clip(d, first, width, also, limit):
     """Shorten columns of displacements ``d`` (S, K) in place to at most ``limit`` (S,).
 
-    ``width`` columns from ``first`` on are measured; as many from ``also`` on share the factor.
+    The length is that of ``width`` columns from ``first`` on. As many columns from ``also`` on are scaled by
+    the same factor.
     """
     for s in range(len(d)):
         total = 0.0

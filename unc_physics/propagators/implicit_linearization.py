@@ -136,13 +136,13 @@ advance_root = rollout_kernel(linearized)
 
 @before_groups.of(ImplicitLinearization)
 def _let_go(method, x, begin, world, work):
-    """Held bodies keep their places, and some are released."""
+    """Store the pose errors of held bodies at the beginning of a step, and release bodies."""
     begin_held_errors(method.root, begin, world, work, method.errors, method.kinematic)
 
 
 @after_groups.of(ImplicitLinearization)
 def _carry_along(method, x, end, world, work):
-    """Held bodies moved with what holds them."""
+    """Move the errors of held bodies with their holders at the end of a step."""
     end_held_errors(method.root, x, end, world, work, method.errors, method.kinematic)
 
 
@@ -158,7 +158,7 @@ def _keep_root(method, x, step, world, work):
 
 @undo_step.of(ImplicitLinearization)
 def _put_root_back(method, work):
-    """The root is that of the step's beginning."""
+    """Restore the root of the beginning of the step."""
     for r in range(method.root.shape[0]):
         for c in range(method.root.shape[1]):
             method.root[r, c] = method.before[r, c]
@@ -186,7 +186,7 @@ def _open(method, i, work):
 
 @inner
 def _close(method, errors, i, R):
-    """Copy body i's errors back."""
+    """Copy body i's errors to the root, with the rotation about body axes."""
     root, first = method.root, ERROR * method.errors.block[i]
     for c in range(root.shape[1]):
         for k in range(ERROR):
@@ -209,13 +209,13 @@ def _fly(method, x, i, world, work):
 
 @after_flight.of(ImplicitLinearization)
 def _end_flight(method, x, i, world, work):
-    """It has turned."""
+    """Copy body i's errors back with the new orientation."""
     _close(method, method.errors.end, i, work.R[i])
 
 
 @before_group.of(ImplicitLinearization)
 def _begin_group(method, count, world, work):
-    """The whole step is left, whatever the state."""
+    """Reset the time: the whole step remains, for every state of the belief."""
     method.time[1] = method.time[0] - world.dt
     for c in range(len(method.errors.left)):
         method.errors.left[c] = 0.0
@@ -371,7 +371,7 @@ def _covers_an_area(c, work):
 
 @inner(forceinline=True)
 def _away(rows, k, c):
-    """From contact c to contact k, across the normal and turned by a right angle [m]."""
+    """Return the vector from contact c to contact k, across the normal and turned by a right angle [m]."""
     return (
         rows[k, MOMENT_I] - rows[c, MOMENT_I],
         rows[k, MOMENT_I + 1] - rows[c, MOMENT_I + 1],
@@ -381,7 +381,7 @@ def _away(rows, k, c):
 
 @inner(forceinline=True)
 def _same_normal(a, b):
-    """Cosine of the angle between two contacts' normals."""
+    """Return the cosine of the angle between two contacts' normals."""
     total = 0.0
     for m in range(3):
         total += a[DIRECTION + m] * b[DIRECTION + m]
@@ -404,7 +404,7 @@ def _end_travel(method, x, count, h, world, work):
 
 @inner(forceinline=True)
 def _note_uncertain_mode(method, i):
-    """Note when the contact mode of body i first was uncertain."""
+    """Record when the contact mode of body i first was uncertain."""
     if method.contacts.doubtful[i]:
         method.contact_mode_uncertain_since[i] = min(method.contact_mode_uncertain_since[i], method.time[0])
 

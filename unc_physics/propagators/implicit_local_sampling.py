@@ -28,7 +28,7 @@ def _drift(cloud, x, step, world, work):
 
 @solved_contacts.begin_impact.of(ContactCloud)
 def _begin_impact(cloud):
-    """An impact has draws of its own."""
+    """Take a new key, so that the impact has draws of its own."""
     cloud.key[0] = combine(cloud.key[0], 1)
 
 

@@ -197,7 +197,7 @@ def _keep_dominant(method, x, i, j, count, first, world, work):
 
 @after_pair.of(ExplicitLinearization)
 def _count_pair(method, x, i, j, world, work):
-    """Number the pair."""
+    """Give the pair the next number if it has a dominant contact."""
     dominant = method.dominant
     place = dominant.count[0]
     if dominant.volume[place] > 0.0:
@@ -214,7 +214,7 @@ def _kick_root(method, x, world, work):
 
 @on_element_contacts.of(ExplicitLinearization)
 def _keep_dominant_of_element(method, x, i, e, t, count, first, world, work):
-    """As `_keep_dominant`, with the force and where it acts."""
+    """Keep the contact of largest volume with an element, its force and the point where it acts."""
     dominant, pairs, records, R = method.element, work.search.pairs, work.search.records, work.R
     if first:
         dominant.volume[0], dominant.sphere[0] = 0.0, -1
@@ -248,7 +248,7 @@ def _kick_root_by_element(method, x, i, e, world, work):
 
 @kernel
 def _outer(root):
-    """``root @ root.T``, exactly symmetric."""
+    """Return ``root @ root.T``, exactly symmetric."""
     size = len(root)
     P = empty((size, size))
     for a in range(size):

@@ -84,7 +84,7 @@ def advance_covariances(mean, covariance, first_time, world, environment, begin,
 
 @before_drift.of(ContactCloud)
 def _begin_step(cloud, x, step, world, work):
-    """A step begins."""
+    """Begin a step with the drift."""
     drift_covariances(cloud, x, step, world, work)
 
 
@@ -101,7 +101,7 @@ def drift_covariances(cloud, x, step, world, work):
 
 @on_contacts.of(ContactCloud)
 def _sample_pair(cloud, x, i, j, count, first, world, work):
-    """Add the spread of some contacts' forces."""
+    """Add the spread of the forces of ``count`` contacts of bodies i and j."""
     if first:
         cloud.spread[:] = 0.0
         factor_pose_covariance((i, j), work, cloud)
@@ -118,7 +118,7 @@ def _kick_pair(cloud, x, i, j, world, work):
 
 @on_element_contacts.of(ContactCloud)
 def _sample_element(cloud, x, i, e, t, count, first, world, work):
-    """As `_sample_pair`, of body i and element e."""
+    """Add the spread of the forces of ``count`` contacts of body i and element e."""
     if first:
         cloud.spread[:] = 0.0
         factor_pose_covariance((i, i), work, cloud)
@@ -128,7 +128,7 @@ def _sample_element(cloud, x, i, e, t, count, first, world, work):
 
 @after_element.of(ContactCloud)
 def _kick_body(cloud, x, i, e, world, work):
-    """As `_kick_pair`, of body i alone."""
+    """Let the spread of an element's forces act on the covariance of body i."""
     kick_covariance(i, 1, world, work.R[i], cloud)
 
 
@@ -169,7 +169,7 @@ def sample_element_contacts(i, e, found, pair_key, t, tree, environment, work, c
 
 @inner
 def turned(arm, turn):
-    """A vector turned by a rotation vector [rad]."""
+    """Return a vector turned by a rotation vector [rad]."""
     q = exp(turn[0], turn[1], turn[2])
     a = cross((q[0], q[1], q[2]), arm)
     b = cross((q[0], q[1], q[2]), (a[0] + q[3] * arm[0], a[1] + q[3] * arm[1], a[2] + q[3] * arm[2]))
@@ -189,7 +189,7 @@ def add_moments(out, weight, a):
 
 @inner(noinline=True)
 def transform(rows, first, x, i, R, world, rotation):
-    """``A P A^T`` in place of body i's symmetric P, in 12 ``rows`` from ``first`` on, as ``A (A P)^T``."""
+    """Replace body i's symmetric P, in 12 ``rows`` from ``first`` on, by ``A P A^T``, as ``A (A P)^T``."""
     for turn in range(2):
         apply_drift_jacobian(rows, first, x, i, R, world, world.environment, rotation)
         if turn == 0:
@@ -206,7 +206,7 @@ def transpose(rows, first):
 
 @inner
 def factor_pose_covariance(bodies, work, cloud):
-    """Factors of the covariances of two bodies' relative position, and of their rotations in world axes."""
+    """Write factors of the covariances of two bodies' relative position and rotations, world axes."""
     cloud.relative[:] = 0.0
     for body in bodies:
         if cloud.error_block[body] < 0:
@@ -229,7 +229,7 @@ def factor_pose_covariance(bodies, work, cloud):
 
 @inner
 def write_cholesky(P, first, L):
-    """Lower factor of the 3 x 3 block of ``P`` at ``first``; directions without variance stay zero."""
+    """Write the lower factor of the 3 x 3 block of ``P`` at ``first``; it is zero without variance."""
     L[:] = 0.0
     scale = P[first, first] + P[first + 1, first + 1] + P[first + 2, first + 2]
     for c in range(3):
@@ -274,5 +274,5 @@ def kick_covariance(body, side, world, R, cloud):
 
 @inner
 def _entry(r, c):
-    """Place of a symmetric 3 x 3 matrix's entry among xx, yy, zz, xy, xz, yz."""
+    """Return the place of a symmetric 3 x 3 matrix's entry among xx, yy, zz, xy, xz, yz."""
     return r if r == c else r + c + 2

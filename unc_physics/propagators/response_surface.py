@@ -122,9 +122,9 @@ def _squares(x):
 
 @kernel
 def _decayed(values, factor):
-    """``exp(-factor values)`` in place, of numbers (N,) that are not negative, to 1e-13; the least is 2e-22.
+    """Replace values (N,), not negative, by ``exp(-factor values)``, to 1e-13; results are at least 2e-22.
 
-    As a polynomial of a 64th, squared six times, which LLVM does for several numbers at once.
+    The exponential of a 64th of the argument is a polynomial, squared six times. LLVM vectorizes this.
     """
     for i in range(len(values)):
         t = min(factor * values[i], 50.0) * (1.0 / 64.0)

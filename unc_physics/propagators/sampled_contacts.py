@@ -14,7 +14,7 @@ from ..spatial.rotation import rotate
 
 
 def _series(terms, first):
-    """Coefficients of sin(a) / a (``first`` 1) or (1 - cos(a)) / a^2 (2) in -a^2, highest order first."""
+    """Return coefficients of sin(a) / a (``first`` 1) or (1 - cos(a)) / a^2 (2) in -a^2, last order first."""
     return tuple(np.float32(1.0 / math.factorial(2 * k + first)) for k in reversed(range(terms)))
 
 
@@ -34,7 +34,7 @@ _LARGEST = math.sqrt(3.0) * float(TABLE.max())  # length of three normal numbers
 
 @inner
 def frobenius_norm(A):
-    """Frobenius norm of a 3 x 3 matrix: the root mean square of what it makes of three normal numbers."""
+    """Return the Frobenius norm of a 3 x 3 matrix, the RMS length of its product with normal numbers."""
     total = 0.0
     for a in range(3):
         for b in range(3):
@@ -89,7 +89,7 @@ def sample_contacts(bodies, found, pair_key, tree, work, cloud):
 
 @inner(forceinline=True)
 def _single(A, scale):
-    """The entries of a 3 x 3 matrix, times ``scale``, in single precision."""
+    """Return the entries of a 3 x 3 matrix, times ``scale``, in single precision."""
     f = np.float32
     return (
         f(scale * A[0, 0]),
@@ -106,7 +106,7 @@ def _single(A, scale):
 
 @inner(forceinline=True)
 def _short(a, scale):
-    """A vector times ``scale`` in single precision."""
+    """Return a vector times ``scale`` in single precision."""
     return np.float32(scale * a[0]), np.float32(scale * a[1]), np.float32(scale * a[2])
 
 
@@ -114,8 +114,8 @@ def _short(a, scale):
 def add_spread(table, starts, count, factors, shape, series, weights, spread):
     """Add second moments of force and torques over samples of one contact, per squared stiffness.
 
-    All lengths are in units of some size of the contact, all numbers but ``weights`` and ``spread`` of single
-    precision.
+    All lengths are in units of a size of the contact. All numbers except ``weights`` and ``spread`` have
+    single precision.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
     count : uint64
         Number of samples.
     factors : tuple of 3 tuples of 9
-        What turns the numbers into displacements and rotations about world axes [rad].
+        Factors from normal numbers to displacements and to rotations about world axes [rad].
     shape : tuple
         Nominal normal from body i to body j, sphere centres from their bodies' centres of mass, distance of
         the centres.
@@ -192,9 +192,9 @@ def add_spread(table, starts, count, factors, shape, series, weights, spread):
 
 @inner(error_model="numpy", forceinline=True)
 def _shift(arm, turn, series):
-    """How a rotation vector moves a vector (Rodrigues' formula less it), without a branch on the sample.
+    """Return the change of ``arm`` by a rotation vector (Rodrigues' formula), without branches on samples.
 
-    Long series take any angle, brought into [-pi, pi] first; short ones end where the angle is small.
+    Long series are for any angle, which is first brought into [-pi, pi]; short ones are for small angles.
     """
     x, y, z = turn
     t = x * x + y * y + z * z
@@ -214,5 +214,5 @@ def _shift(arm, turn, series):
 
 @inner(forceinline=True)
 def _times(A, x, y, z):
-    """Product of a matrix, as the tuple of its entries, with a vector."""
+    """Return the product of a matrix, as the tuple of its entries, with a vector."""
     return A[0] * x + A[1] * y + A[2] * z, A[3] * x + A[4] * y + A[5] * z, A[6] * x + A[7] * y + A[8] * z

@@ -97,8 +97,9 @@ class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
         return Belief.trusted(mean, P, scene.moving)
 
     def join(self, carries, parts, joint):
-        """More directions take points farther out: what is odd in a direction grows along, what is even by
-        the square.
+        """Join the points of all islands; with more directions, all points are farther from the mean.
+
+        Odd parts of the points' errors grow by the factor, even parts by its square.
         """
         counts = [len(carry.states) // 2 for carry in carries]
         total = sum(counts)
@@ -156,7 +157,7 @@ def _errors_about_first(states):
 
 
 def _widened(states, factor):
-    """Sigma points (2 n + 1, B, 13) that lie farther out by a factor, and so weigh less."""
+    """Return sigma points (2 n + 1, B, 13) farther from the mean by a factor, for smaller weights."""
     errors = _errors_about_first(states)
     count = len(states) // 2
     plus, minus = errors[1 : count + 1], errors[count + 1 :]

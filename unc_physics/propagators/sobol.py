@@ -91,7 +91,7 @@ def _scrambled(x, key):
 
 @kernel
 def quantile(p):
-    """Standard normal quantile of a probability strictly between 0 and 1 (Wichura 1988, AS 241)."""
+    """Return the standard normal quantile of a probability in (0, 1) (Wichura 1988, AS 241)."""
     q = p - 0.5
     if abs(q) <= 0.425:
         r = 0.180625 - q * q

@@ -56,7 +56,7 @@ def drift(own, x, step, world, work):
 
 @stage
 def begin_impact(own):
-    """An impact's contacts follow."""
+    """Prepare for the contacts of an impact."""
 
 
 @stage
@@ -82,7 +82,7 @@ def _put_back(method, work):
 
 @on_sleep.of(Solved)
 def _rest(method, i, work):
-    """Give a sleeping body the pose uncertainty of the step's beginning, and certain zero velocities."""
+    """Restore a sleeping body's block of the beginning of the step, with certain zero velocities."""
     block = method.own.error_block[i]
     for r in range(ERROR):
         for c in range(ERROR):

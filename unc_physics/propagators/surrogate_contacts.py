@@ -61,7 +61,7 @@ def advance_roots(mean, roots, first_time, world, environment, begin, steps, k_s
 
 @before_drift.of(Spread)
 def _begin_step(spread, x, step, world, work):
-    """A step begins."""
+    """Begin a step with the drift."""
     drift_roots(spread, x, step, world, work)
 
 
@@ -86,7 +86,7 @@ def drift_roots(spread, x, step, world, work):
 
 @on_contacts.of(Spread)
 def _tilt_normals(spread, x, i, j, count, first, world, work):
-    """Add what the tilts of some contacts' normals come to."""
+    """Add the increments by tilted normals of ``count`` contacts of bodies i and j."""
     if first:
         spread.tilt[:] = 0.0
         spread.torque[:] = 0.0
@@ -106,7 +106,7 @@ def _kick_roots(spread, x, i, j, world, work):
 
 @inner
 def cache_pose_covariance(S, R, body, spread):
-    """Covariance blocks of position, and of rotation in world axes, from the root ``S`` (12, 12)."""
+    """Write the covariances of position, and of rotation in world axes, from the root ``S`` (12, 12)."""
     spread.known[body] = True
     position, rotation = spread.position[body], spread.rotation[body]
     for a in range(3):
@@ -129,13 +129,13 @@ def cache_pose_covariance(S, R, body, spread):
 
 @inner(forceinline=True)
 def _symmetric(A):
-    """A symmetric matrix as the tuple of its entries xx, yy, zz, xy, xz, yz."""
+    """Return a symmetric matrix as the tuple of its entries xx, yy, zz, xy, xz, yz."""
     return A[0, 0], A[1, 1], A[2, 2], A[0, 1], A[0, 2], A[1, 2]
 
 
 @inner(forceinline=True)
 def _forms(A, u, w):
-    """``u^T A u``, ``u^T A w`` and ``w^T A w`` of a symmetric matrix, as `_symmetric` gives it."""
+    """Return ``u^T A u``, ``u^T A w`` and ``w^T A w`` of a symmetric matrix, as `_symmetric` returns it."""
     x, y = A[0] * u[0] + A[3] * u[1] + A[4] * u[2], A[3] * u[0] + A[1] * u[1] + A[5] * u[2]
     z = A[4] * u[0] + A[5] * u[1] + A[2] * u[2]
     uu, uw = u[0] * x + u[1] * y + u[2] * z, w[0] * x + w[1] * y + w[2] * z
@@ -146,7 +146,7 @@ def _forms(A, u, w):
 
 @inner(error_model="numpy")
 def _sine_of_tilt(variance, d, k_sigma):
-    """Sine of Eq. 20's angle ``atan(k_sigma sqrt(variance) / d)``."""
+    """Return the sine of Eq. 20's angle ``atan(k_sigma sqrt(variance) / d)``."""
     reach = k_sigma * math.sqrt(max(variance, 0.0))
     return reach / math.sqrt(d * d + reach * reach)
 
