@@ -24,7 +24,7 @@ def kinetic_energies(scene, mass, states) -> np.ndarray:
 
 
 def conserves_energy(scene, start, touched, group) -> np.ndarray:
-    """(B,) bool: of which bodies no law takes or adds energy.
+    """Return whether the energy of each body is conserved by all laws: (B,) bool.
 
     All contacts of the body's ``group`` (B,) must be elastic and without friction: bodies that ``touched``
     each other (B, B + E), directly or through others, have the same number, and share their energy. All are
@@ -53,7 +53,7 @@ def conserves_energy(scene, start, touched, group) -> np.ndarray:
 
 
 def energy_loss(scene, start, position, kinetic, first_contact, group) -> np.ndarray:
-    """(B,): share of its energy that each body's ``group`` (B,) lost (`conserves_energy`).
+    """Return the share of energy (B,) that each body's ``group`` (B,) lost (`conserves_energy`).
 
     Mean positions (B, 3) [m] are those at the end, and ``kinetic`` (B,) the mean kinetic energies there, from
     above [J]; the ``least_energy`` of the start is from below. ``first_contact`` (B,) is when each body first

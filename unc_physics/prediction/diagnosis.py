@@ -27,27 +27,27 @@ from .snapshot import Snapshot
 if TYPE_CHECKING:
     from .prediction import Prediction
 
-#: Rollouts with which `judge` compares a spread that rests on a single nominal one.
+#: Rollouts with which `judge` compares a spread.
 ROLLOUTS = 12
-#: Rollouts that are added where those leave open whether a spread is wrong, and the number of them all with
-#: which none are added.
+#: Rollouts that are added if the comparison is inconclusive, and the number of rollouts from which on none
+#: are added.
 FURTHER, SURE = 24, 36
-_ENOUGH = 1000  # rollouts that miss little
-_EVEN = 1.05  # asymmetry of sigma points up to which they are right
-_OPEN = 1.4, 2.7  # factors between which a dozen rollouts leave open whether spreads differ by two
-_OPEN_IN_DOUBT = 1.1  # the lower one where contacts were doubtful
-_SEED = 0  # of the rollouts' draws, and one more of further ones: the same question has the same status
+_ENOUGH = 1000  # rollouts with which no search for rare outcomes is necessary
+_EVEN = 1.05  # asymmetry of sigma points up to which their spread is not compared
+_OPEN = 1.4, 2.7  # factors between which a dozen rollouts cannot decide whether spreads differ by two
+_OPEN_IN_DOUBT = 1.1  # the lower factor if contacts were doubtful
+_SEED = 0  # of the rollouts; added rollouts have the next one. A fixed seed makes statuses reproducible
 
 
-#: Statuses of a snapshot by the number of rollouts, so that nothing is judged twice.
+#: Cached statuses of a snapshot by the number of rollouts.
 _judged: WeakKeyDictionary[Snapshot, dict[int, tuple[BodyStatus, ...]]] = WeakKeyDictionary()
 
 
 @np.errstate(all="ignore")
 def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
-    """Return the statuses of all bodies at each time, those of a prediction that ends there.
+    """Return the statuses of all bodies at each time, as of a prediction that ends at this time.
 
-    Spreads are compared with those of so many ``rollouts``, as in `status.assess`.
+    Spreads are compared with those of ``rollouts`` rollouts, as in `status.assess`.
     """
     if all(snapshot.received is not None for snapshot in prediction.snapshots):
         return tuple(snapshot.received.statuses for snapshot in prediction.snapshots if snapshot.received)
@@ -62,7 +62,7 @@ def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...]
 
 
 def _judge(prediction, rollouts):
-    """As `judge`, of snapshots that were not judged before."""
+    """Return the statuses as `judge` does, without the cache."""
     start = initial_diagnostics(prediction)
     found = [Evidence.of(prediction, start, snapshot) for snapshot in prediction.snapshots]
     if rollouts > 0:
@@ -89,7 +89,10 @@ def _same(evidence, other):
 
 
 def _compare(prediction, found, places, rollouts, before=0):
-    """Give the evidence at some places spreads and states of rollouts, with those of as many ``before``."""
+    """Add spreads and states of rollouts to the evidence at some places.
+
+    Evidence of ``before`` earlier rollouts is combined with that of the new ones.
+    """
     if places:
         marks = [mark_at(found[k].snapshot.time, prediction.scene.dt) for k in places]
         scene = prediction.asked or prediction.scene
@@ -115,7 +118,7 @@ def may_miss(prediction: Prediction) -> bool:
 
 
 def _look_far(prediction, found):
-    """Give the evidence that has none the states of rollouts of a wider belief."""
+    """Add states of rollouts of a wider belief to evidence without them."""
     scene, initial = prediction.scene, prediction.initial
     left = [k for k, one in enumerate(found) if one.wide is None]
     marks = [mark_at(found[k].snapshot.time, scene.dt) for k in left]
@@ -164,10 +167,11 @@ def is_inconclusive(evidence: Evidence) -> bool:
 
 
 def _half_turned(evidence):
-    """Whether points may have turned by half a turn since they touched something: from there on rotations
-    look smaller than they are, and opposite ones still opposite.
+    """Return whether sigma points may have turned by half a turn since they touched something.
 
-    Of so many points the farthest is that many standard deviations out, and its spin that of the end.
+    Rotations wrap there, so the spread of the points is too small, and opposite points still look opposite.
+    The number of directions determines how many standard deviations the farthest point is from the mean. Its
+    spin is that of the final belief.
     """
     scene, snapshot, bodies = evidence.scene, evidence.snapshot, len(evidence.scene.bodies)
     first = evidence.history.first_time.min(axis=0)
@@ -181,7 +185,7 @@ def _half_turned(evidence):
 def sampled_snapshots(scene, initial, marks, count, seed=_SEED):
     """Return the snapshots of ``count`` rollouts at marks, as of `marks_of`."""
     if len(scene.bodies) > 2 and not scene.islands:
-        scene = replace(scene, islands=True)  # changes rollouts by nothing that counts here
+        scene = replace(scene, islands=True)  # faster; the change of rollouts does not matter here
     propagator = BalancedMonteCarlo(samples=count, seed=seed)
     check_supported(scene, propagator)
     check_memory(scene, initial, propagator, len(marks))

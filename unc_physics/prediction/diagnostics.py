@@ -1,8 +1,8 @@
 """Rules of a status: each measure with its computation, its limit, its flag and its message.
 
-A measure of a body is a function of the `Evidence` of one time: values (B,), masked where it says nothing
-about a body, or None where it says nothing about any.
-Bodies that touched each other, directly or through others, share their energy.
+A measure is a function of the `Evidence` of one time. It returns values (B,), masked for bodies without a
+value, or None if no body has one. Bodies that touched each other, directly or through others, share their
+energy.
 """
 
 from __future__ import annotations
@@ -34,34 +34,34 @@ from .rare_outcomes import MATTER, tail_factors
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
 _ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", " or ")
 _DRAWING = names_where(lambda propagator: propagator.supports.impact_errors, " and ")
-_FAR = 5.0  # standard deviations that are not to be expected of an honest belief
+_FAR = 5.0  # standard deviations beyond which samples of a correct belief are not expected
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
 _PENETRATION = 0.05  # depth that is too deep, over the body's radius
-_LOOKED_AT = 64  # rollouts whose depths are computed, at most: more take longer than all other measures
+_LOOKED_AT = 64  # most rollouts whose depths are computed; more take longer than all other measures
 _LEAST_SHARE = 0.05  # of an outcome that moves the mean
-_SURE = 2.0  # standard errors beyond which a mean or a spread is no matter of chance
-_EXTENT_SHARE = 5e-3  # loss of extent that counts on large bodies, over the radius
-_DENSITIES = 0.1, 1e5  # kg/m^3, beyond those of things
-_USUAL = 0.95  # share of the rollouts that a residual must be small in
+_SURE = 2.0  # standard errors by which a measure must exceed its limit
+_EXTENT_SHARE = 5e-3  # least loss of extent that counts, over the radius of large bodies
+_DENSITIES = 0.1, 1e5  # below and above the densities of all materials [kg/m^3]
+_USUAL = 0.95  # quantile of the rollouts that is compared with a limit
 _QUANTITIES, _UNITS = ("position", "rotation"), ("m", "rad")  # that spreads are compared in
 
 
 class Rule(NamedTuple):
-    """A measure."""
+    """A measure with its limit, its flag and its message."""
 
-    flag: Status  # that it raises
-    limit: float  # above which it does
-    words: str  # what that says, with what to do; ``{detail}`` stands for the quantity and its values
-    compute: Callable[[Evidence], np.ndarray | None]  # takes the `Evidence` and gives values (B,), or None
+    flag: Status  # flag that a value above the limit raises
+    limit: float
+    words: str  # the problem and its remedy; ``{detail}`` stands for quantities of the body
+    compute: Callable[[Evidence], np.ndarray | None]  # returns the values (B,), or None
     unit: str  # of the measure; empty for a share or a factor
-    #: takes the `Evidence` and a body's index, and gives the ``detail`` of the words
+    #: returns the ``detail`` of a body, by its index
     detail: Callable[[Evidence, int], str] | None
-    in_contact: bool  # whether it is one of bodies that touched something alone
-    #: whether it raises no flag where the spread was compared with that of rollouts, which tell more
+    in_contact: bool  # whether only bodies that touched something have a value
+    #: whether it raises no flag where the spread was compared with that of rollouts
     unless_compared: bool
-    #: standard error of the measure, from all measures of the body; it raises the flag where it exceeds the
-    #: limit by two of these
+    #: standard error of the measure, from all measures of the body; the flag is raised above the limit plus
+    #: two standard errors
     error: Callable[[Mapping[str, float]], float] | None
 
 
@@ -115,13 +115,13 @@ def raised(measures: Mapping[str, float], *, surely: bool = True) -> list[str]:
 
 
 def _sure_limit(name, measures):
-    """The limit of a measure, with two of its standard errors."""
+    """Return the limit of a measure plus two of its standard errors."""
     rule = RULES[name]
     return rule.limit if rule.error is None else rule.limit + _SURE * rule.error(measures)
 
 
 def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodyStatus:
-    """Return the status that the measures of a body, by its index, make."""
+    """Return the status of a body, by its index, from its measures."""
     scene, flags, reasons, keys = evidence.scene, Status.FINE, [], raised(measures)
     for key in keys:
         value, rule = measures[key], RULES[key]
@@ -141,7 +141,7 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
 
 
 def _spreads_apart(evidence, body):
-    """The quantity whose spread differs most from that of rollouts, and both spreads."""
+    """Return the quantity whose spread differs most from that of rollouts, and both spreads, as a text."""
     place = int(np.searchsorted(evidence.scene.moving, body))
     own, other = pose_spreads(evidence.snapshot.belief.blocks)[place], evidence.spreads[place]
     factors = spread_factors(evidence)
@@ -168,18 +168,18 @@ def _mean_errors(evidence, body):
 
 
 def _kept_overlap(evidence, body):
-    """With what a body overlaps for ever, and how deep."""
+    """Return the name of the deepest overlap that a body keeps, and its depth, as a text."""
     name, depth = _deepest_kept(evidence, body)
     return "what it overlaps" if name is None else f"{name}, which it overlaps by {depth:.3g} m"
 
 
 def _kept_name(evidence, body):
-    """With what a body overlaps for ever."""
+    """Return the name of the deepest overlap that a body keeps."""
     return _deepest_kept(evidence, body)[0] or "something"
 
 
 def _deepest_kept(evidence, body):
-    """Return the name in quotes of what a body overlaps deepest for ever, or None, and the depth [m]."""
+    """Return the quoted name of the deepest overlap that a body keeps, or None, and the depth [m]."""
     scene, depths = evidence.scene, evidence.start.kept_overlaps
     bodies = len(scene.bodies)
     own = np.concatenate([np.maximum(depths[body, :bodies], depths[:, body]), depths[body, bodies:]])
@@ -369,7 +369,7 @@ def spread_disagreement(evidence):
 
 
 def spread_factors(evidence: Evidence) -> np.ndarray | None:
-    """(B, 2): factors between predicted and sampled standard deviations of position and rotation.
+    """Return factors between predicted and sampled standard deviations of position and rotation: (B, 2).
 
     None without rollouts.
     """
@@ -562,7 +562,7 @@ def left_out(evidence):
 )
 def directions(evidence):
     """Number of uncertain directions of the bodies whose points are spread together. Points lie farther out
-    the more there are. It raises no flag where rollouts agree.
+    the more there are. It raises no flag where the spread was compared with that of rollouts.
     """
     scene, of_moving = evidence.scene, evidence.start.directions
     if of_moving is None:
@@ -586,7 +586,7 @@ def directions(evidence):
 )
 def unevenness(evidence):
     """Spread of sigma points over the part of it that is opposite in the pairs, of position or rotation,
-    whichever is larger. Above 1.05 rollouts are compared, and it raises no flag itself.
+    whichever is larger. Above 1.05 the spread is compared with that of rollouts; it then raises no flag.
     """
     return None if evidence.start.directions is None else evidence.asymmetry
 
@@ -657,7 +657,7 @@ def mean_pose_error(evidence):
 
 
 def _depth_scales(evidence):
-    """(B,): depths of a mean pose that count [m]."""
+    """Return the unit of `mean_penetration` (B,), a limited standard deviation of the position [m]."""
     std, belief = np.zeros(len(evidence.scene.bodies)), evidence.snapshot.belief
     P = belief.blocks[:, ERR_POSITION, ERR_POSITION]
     std[evidence.scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(P)[:, -1], 0.0))
@@ -665,9 +665,9 @@ def _depth_scales(evidence):
 
 
 def mean_pose_errors(evidence):
-    """(B,): standard error of the mean pose along one axis, with that of the bodies it touched [m].
+    """Return the standard error of each mean pose along one axis, with that of touched bodies: (B,) [m].
 
-    That of a rotation counts by the body's radius.
+    Errors of the rotation are multiplied by the body's radius.
     """
     scene, propagator, errors = evidence.scene, evidence.propagator, np.zeros(len(evidence.scene.bodies))
     if not isinstance(propagator, Samples):

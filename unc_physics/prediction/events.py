@@ -337,7 +337,10 @@ class FellOff(BodyEvent):
         return outcomes.start[b, POSITION] @ up - drop - heights
 
     def _top(self, scene, states, field):
-        """Height of the support's highest point [m], one for each rollout if it is a body."""
+        """Return the height of the support's highest point [m], (N,) if it is a body; raise if it has none.
+
+        Without ``states`` (N, B, 13), only check the support.
+        """
         up = up_of(scene)
         k = _index(
             self.support, thing_names(scene), field, "is neither a body nor an element of the environment"

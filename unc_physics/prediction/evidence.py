@@ -32,11 +32,11 @@ from .snapshot import Snapshot
 if TYPE_CHECKING:
     from .prediction import Prediction
 
-_DRAWN = 40  # states of a belief whose overlaps are kept
-_SEED = 0  # of their draws: the same question has the same status
-#: Floor of spreads that are compared, of the body's radius and in rad: contacts are no more accurate.
+_DRAWN = 40  # states of a belief whose overlaps are computed
+_SEED = 0  # of their draws; fixed, so that statuses are reproducible
+#: Least spread that is compared, over the body's radius and in rad: the accuracy of contacts.
 _SPREAD_FLOOR = 1e-4
-_NOISE = 4.0  # standard deviations of a sample's mean energy that are no gain
+_NOISE = 4.0  # standard deviations of a sample's mean energy that do not count as a gain
 _USUAL = 0.95  # quantile of the overlaps of a belief's states
 _shapes = WeakKeyDictionary()
 
@@ -74,21 +74,20 @@ class Evidence:
     history: ContactHistory  # of the propagator's rollouts, up to the snapshot's time
     #: (N, B, 13): those of simulated rollouts; None where they are not equally probable
     states: np.ndarray | None
-    #: (B, 2): spread of points in opposite pairs, over that of what is opposite in them, of position
+    #: (B, 2): spread of points in opposite pairs over the spread of the odd part of their errors, of position
     #: and rotation; None without such points
     asymmetries: np.ndarray | None
-    #: (M, 2): standard deviations of position [m] and rotation [rad] of rollouts; None where none were
-    #: asked
+    #: (M, 2): standard deviations of position [m] and rotation [rad] of compared rollouts; None without them
     spreads: np.ndarray | None = None
     #: (R, B, 13): states of those rollouts
     compared: np.ndarray | None = None
-    #: (R, B, 13): states of rollouts of a belief that is twice as wide; None where none were asked
+    #: (R, B, 13): states of rollouts of a belief that is twice as wide; None without them
     wide: np.ndarray | None = None
     left_out: tuple[str, ...] = ()  # as `Prediction.left_out`
 
     @classmethod
     def of(cls, prediction: Prediction, start: InitialDiagnostics, snapshot: Snapshot) -> Evidence:
-        """Collect it from a prediction that was made here."""
+        """Return the evidence of a snapshot of a prediction that was not received from a node."""
         scene, propagator, carry = prediction.scene, prediction.propagator, snapshot.carry
         history = carry.contact_history
         states, asymmetries = snapshot.rollout_states, None
@@ -139,7 +138,7 @@ class Evidence:
 
     @cached_property
     def conserving(self) -> np.ndarray:
-        """(B,) bool: of which bodies no law takes or adds energy."""
+        """(B,) bool: bodies whose energy is conserved by all laws."""
         return conserves_energy(self.scene, self.start, self.touched, self.group)
 
     @cached_property
@@ -149,7 +148,7 @@ class Evidence:
 
     @cached_property
     def highest_speed(self) -> np.ndarray:
-        """(B,): that start, end and gravity suggest [m/s]."""
+        """(B,): highest speed of each body by its start, its end and gravity [m/s]."""
         scene, before, after = self.scene, self.start.mean, self.snapshot.belief.mean
         way = after[:, POSITION] - before[:, POSITION]
         squares = np.maximum(*((state[:, VELOCITY] ** 2).sum(axis=1) for state in (before, after)))
@@ -158,7 +157,7 @@ class Evidence:
 
 
 def initial_diagnostics(prediction: Prediction) -> InitialDiagnostics:
-    """Return what all times of a prediction share."""
+    """Return the diagnostics of the start, which all times of a prediction share."""
     scene, initial, propagator = prediction.scene, prediction.initial, prediction.propagator
     samples = None
     if propagator.traits.mean_update != "nominal":
@@ -196,7 +195,7 @@ def initial_diagnostics(prediction: Prediction) -> InitialDiagnostics:
 
 
 def _fall_stds(scene, belief):
-    """(M,): standard deviations of positions along gravity, times it [m^2/s^2]."""
+    """Return the standard deviations of positions along gravity, times gravity: (M,) [m^2/s^2]."""
     variance = np.einsum(
         "i,mij,j->m", scene.gravity, belief.blocks[:, ERR_POSITION, ERR_POSITION], scene.gravity
     )
@@ -206,7 +205,7 @@ def _fall_stds(scene, belief):
 def _found(prediction):
     """Return the adjustments of the rollouts at time 0, and the overlaps that they keep.
 
-    A single one begins as points do, which tell more.
+    For a single nominal rollout they are those of sigma points, which cover the belief.
     """
     history = prediction.carry.contact_history
     if prediction.points_history is not None:
@@ -218,7 +217,7 @@ def _found(prediction):
 
 
 def _shape(model):
-    """A model's row of `InitialDiagnostics.shapes`."""
+    """Return a model's row of `InitialDiagnostics.shapes`."""
     if model not in _shapes:
         principal = np.linalg.eigvalsh(model.inertia)
         _shapes[model] = principal[0], principal[-1], float(model.radii.max()), model.bounding_radius
@@ -226,7 +225,7 @@ def _shape(model):
 
 
 def _sigma_point_asymmetries(scene, start, points):
-    """(B, 2): spread of points in opposite pairs, over that of what is opposite in them (`RULES`)."""
+    """Return `Evidence.asymmetries` (B, 2) from the errors of points and of the opposite points."""
     result = np.ones((len(scene.bodies), 2))
     forth, back = points
     for k, body in enumerate(scene.moving):
@@ -243,17 +242,17 @@ def _sigma_point_asymmetries(scene, start, points):
 
 
 def spread_floors(start: InitialDiagnostics, body) -> np.ndarray:
-    """(..., 2): position [m] and rotation [rad] of some bodies below which spreads count as equal."""
+    """Return the spreads of position [m] and rotation [rad] below which they count as equal: (..., 2)."""
     radius = start.shapes[body, 3]
     return np.stack([_SPREAD_FLOOR * radius, np.full(np.shape(radius), _SPREAD_FLOOR)], axis=-1)
 
 
 def kinetic_moments(scene, start, belief, side):
-    """Kinetic energy of each body [J], and of several rollouts the standard deviation of a single one's: each
-    (B,).
+    """Return mean and standard deviation of the kinetic energy of each body in a rollout: (B,) each [J].
 
-    The mean over several rollouts has the spread's energy. Its share of rotation depends on how velocities
-    and poses go together: the least (``side`` 0) or the largest (1) moment of inertia stands for all.
+    For a single rollout the deviation is 0. The mean over several rollouts includes the energy of the spread.
+    Its rotational part depends on the correlation of velocities and poses, so the least (``side`` 0) or the
+    largest (1) moment of inertia bounds it.
     """
     energy, noise = np.zeros(len(scene.bodies)), np.zeros(len(scene.bodies))
     some, P = scene.moving, belief.blocks

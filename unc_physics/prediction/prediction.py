@@ -43,7 +43,7 @@ class Prediction:
     initial : Belief
         The belief at time 0 that was given.
     start : Belief
-        The belief at time 0 that was really used: without overlap, and settled where bodies are at rest. It
+        The belief at time 0 that was used: without overlap, and settled where bodies are at rest. It
         has the moments of the propagator's points or samples; where none was moved, it is what was given.
     wall_time : float
         Wall time of the prediction, without compiling or loading kernels [s].
@@ -154,8 +154,8 @@ class Prediction:
         time : float, optional
             One of the prediction's times [s]; by default the last, the horizon.
         origin : {'center_of_mass', 'model'}
-            The point whose position and velocity are told: that of beliefs and scene files, or the model's
-            own origin, as in messages.
+            Point of the positions and velocities: the centre of mass, as in beliefs and scene files, or the
+            model's own origin, as in messages.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Kernels: what a state makes one expect to measure, and the Kalman update by it."""
+"""Kernels: residuals of measurements for a state, and the Kalman update."""
 
 import math
 
@@ -15,7 +15,7 @@ _LOG_TWO_PI = math.log(2.0 * math.pi)
 
 @inner
 def _turned(q, x, y, z):
-    """A vector turned by a quaternion."""
+    """Return a vector turned by a quaternion."""
     a = 2.0 * (q[1] * z - q[2] * y)
     b = 2.0 * (q[2] * x - q[0] * z)
     c = 2.0 * (q[0] * y - q[1] * x)
@@ -28,7 +28,7 @@ def _turned(q, x, y, z):
 
 @inner
 def _pose_after(x, delay):
-    """Position and quaternion of a state (13,) after ``delay`` seconds at its velocities."""
+    """Return position and quaternion of a state (13,) after ``delay`` seconds at its velocities."""
     turn = exp(x[W] * delay, x[W + 1] * delay, x[W + 2] * delay)
     q = normalized(multiply(turn, (x[Q], x[Q + 1], x[Q + 2], x[Q + 3])))
     return x[P] + delay * x[V], x[P + 1] + delay * x[V + 1], x[P + 2] + delay * x[V + 2], q
@@ -36,7 +36,7 @@ def _pose_after(x, delay):
 
 @inner
 def write_residual(x, reference, kind, value, point, delay, out):
-    """Write into ``out`` (m,) by how much a state (13,) makes one expect something else than was measured.
+    """Write the residual (m,) of a measurement to ``out``: expected from a state (13,), less measured.
 
     ``reference`` (13,) is the other body's state for `RELATIVE_POSE`; ``delay`` is how much later than the
     states the measurement was taken [s].
@@ -57,7 +57,7 @@ def write_residual(x, reference, kind, value, point, delay, out):
 
 @inner
 def factor(S, m, L):
-    """Write the lower Cholesky factor of ``S`` (m, m); what is not positive becomes zero."""
+    """Write the lower Cholesky factor of ``S`` (m, m); pivots that are not positive become zero."""
     for i in range(m):
         for j in range(i + 1):
             total = S[i, j]
@@ -71,7 +71,7 @@ def factor(S, m, L):
 
 @inner
 def solve_lower(L, m, b, out):
-    """Write the solution of ``L out = b``."""
+    """Write the solution of ``L out = b``, with 0 where the pivot is 0."""
     for i in range(m):
         total = b[i]
         for k in range(i):
@@ -81,7 +81,7 @@ def solve_lower(L, m, b, out):
 
 @inner
 def solve_upper(L, m, b, out):
-    """Write the solution of ``L^T out = b``."""
+    """Write the solution of ``L^T out = b``, with 0 where the pivot is 0."""
     for i in range(m - 1, -1, -1):
         total = b[i]
         for k in range(i + 1, m):
@@ -91,7 +91,10 @@ def solve_upper(L, m, b, out):
 
 @inner
 def log_density(L, m, square):
-    """Logarithm of a normal density, from the factor of its covariance and the squared distance."""
+    """Return the logarithm of a normal density, from the factor of its covariance and the squared distance.
+
+    Directions without variance are left out.
+    """
     total = square + m * _LOG_TWO_PI
     for i in range(m):
         total += 2.0 * math.log(L[i, i]) if L[i, i] > 0.0 else 0.0
@@ -138,7 +141,7 @@ def expectation(x, reference, kind, value, point, delay, rows):
 
 @kernel(noinline=True)
 def kalman_update(covariance, H, y, noise):
-    """The Kalman update of an error state with covariance (n, n), by an innovation (m,).
+    """Return the Kalman update of an error state with covariance (n, n) by an innovation (m,).
 
     Returns
     -------
@@ -190,7 +193,7 @@ def kalman_update(covariance, H, y, noise):
 
 @kernel(noinline=True)
 def constant_velocity(x, covariance, h, acceleration, angular_acceleration):
-    """A body's state (13,) and covariance (12, 12) after ``h`` seconds at a velocity that only noise changes.
+    """Return state (13,) and covariance (12, 12) of a body after ``h`` seconds at constant velocity.
 
     The noise is white acceleration, of intensities [m^2/s^3] and [rad^2/s^3].
     """

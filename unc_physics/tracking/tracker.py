@@ -172,7 +172,7 @@ class Tracker:
         self._history = [_Entry(self._origin, {}, state)]
         self._present: State | None = None
 
-    # -- what users call ---------------------------------------------------------------------------
+    # -- public methods ----------------------------------------------------------------------------
 
     @property
     def scene(self) -> Scene:
@@ -699,7 +699,7 @@ class Tracker:
         return found
 
     def _report(self, time, measured, entry, replayed=0):
-        """Return the report of an entry, with the present statuses; None if it was too late."""
+        """Return the report of an entry with the present statuses; ``entry`` is None if it was too late."""
         statuses = self._statuses(self._history[-1].state, self._history[-1].time)
         tracks = () if entry is None else entry.state.tracks
         distances = {
