@@ -165,8 +165,8 @@ def calibrate(
     found = recorded(motions, scene, times)
     samples = max(4, DRAWS // len(found)) if samples is None else integer(samples, "samples", low=4)
     before = with_noise(scene, found)
-    told = _Progress(evaluations + refining(len(adjusted)), progress)
-    result = fit_model(found, before, adjusted, samples, evaluations, seed, told)
+    count_models = _Progress(evaluations + refining(len(adjusted)), progress)
+    result = fit_model(found, before, adjusted, samples, evaluations, seed, count_models)
     check = Objective(found, max(samples, 100), seed + 1)
     return Calibration(
         before,
@@ -177,7 +177,7 @@ def calibrate(
         tuple(found),
         flight_gravity(motions, scene),
         result.scores,
-        told.tried,
+        count_models.tried,
         tuple((one.low, one.high) for one in adjusted),
     )
 
@@ -206,23 +206,23 @@ def fit_model(
     samples: int,
     evaluations: int,
     seed: int,
-    tell: Callable[[float], object] = lambda score: None,
+    report_score: Callable[[float], object] = lambda score: None,
     simulate: Simulator = simulated,
 ) -> Fit:
     """Return the model under which motions are predicted best, for any simulator.
 
     The values of ``before`` are the medians of the priors. Samples, evaluations and seed are those of
-    `calibrate`. ``tell`` takes the mean penalised score of each model that is tried; ``simulate`` makes the
-    predictions.
+    `calibrate`. ``report_score`` is called with the mean penalised score of each model that is tried, and
+    ``simulate`` makes the predictions.
     """
     few = Objective(motions[:_SEARCHED], samples, seed, simulate)
-    search = Search(Posterior(few, before, adjusted, tell, len(motions)))
+    search = Search(Posterior(few, before, adjusted, report_score, len(motions)))
     search.approach()
     if evaluations - search.tried > 2 * len(adjusted):
         search.run(evaluations - search.tried)
     every = Objective(motions, samples, seed, simulate)
     score_before = every.per_motion(before).mean()
-    posterior = Posterior(every, before, adjusted, tell)
+    posterior = Posterior(every, before, adjusted, report_score)
     estimate = refine(posterior, search.best)
     model = posterior.with_values(estimate.x)
     score_after = every.per_motion(model).mean()

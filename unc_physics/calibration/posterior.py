@@ -30,10 +30,10 @@ def prior_weight(motions: int) -> float:
 class Posterior:
     """Penalised scores of motions as functions of values in standard deviations of their priors.
 
-    The values of the model are the medians of the priors, and ``tell`` takes the mean score of each model
-    that is tried. The penalty is shared among so many ``motions``, by default those of the objective;
-    ``curvature`` is its second derivative in a motion's score, by each value. ``low``, ``high`` and
-    ``median`` (K,) are bounds, and medians of the priors.
+    The values of the model are the medians of the priors. ``report_score`` is called with the mean score of
+    each model that is tried. The penalty is shared among ``motions`` motions, by default those of the
+    objective; ``curvature`` is its second derivative in a motion's score, by each value. ``low``, ``high``
+    and ``median`` (K,) are bounds, and medians of the priors.
     """
 
     def __init__(
@@ -41,10 +41,11 @@ class Posterior:
         objective: Objective,
         model: Model,
         adjusted: Sequence[Adjustable],
-        tell: Callable[[float], object] = lambda score: None,
+        report_score: Callable[[float], object] = lambda score: None,
         motions: int | None = None,
     ):
-        self.objective, self.model, self.adjusted, self._tell = objective, model, list(adjusted), tell
+        self.objective, self.model, self.adjusted = objective, model, list(adjusted)
+        self._report_score = report_score
         self.low = np.array([one.scaled(one.low) for one in adjusted])
         self.high = np.array([one.scaled(one.high) for one in adjusted])
         self.median = np.array([one.scaled(one.prior_median(model)) for one in adjusted])
@@ -66,7 +67,7 @@ class Posterior:
         except UncPhysicsError:  # such as a diverging simulation
             found = np.full(len(self.objective.recorded), _FAILED)
         found = found + 0.5 * self.curvature * np.sum((x - self.median) ** 2)
-        self._tell(float(found.mean()))
+        self._report_score(float(found.mean()))
         return found
 
     def moved(self, x: np.ndarray, k: int, by: float) -> np.ndarray:
