@@ -274,7 +274,7 @@ class Tracks:
     def fork(self) -> Tracks:
         """Return a copy at the time of the newest belief, which shares nothing that changes."""
         other = copy.copy(self)
-        for name in ("_states", "_models", "_robots", "_seen"):
+        for name in ("_states", "_models", "_robots", "_seen", "_numbers"):
             setattr(other, name, dict(getattr(self, name)))
         other._memory, other._ahead = ObservationMemory(self._library), None
         newest = self._tracker if self._ahead is None else self._ahead
