@@ -145,7 +145,7 @@ def calibrate_contact_noise(
     return NoiseCalibration(best[1], (found[0][0], best[0]), len(shown), len(found))
 
 
-class _Shown(NamedTuple):
+class _Recording(NamedTuple):
     """A motion as a camera shows it: times (n,), poses (n, 7), and the number of the first in contact."""
 
     times: np.ndarray
@@ -165,7 +165,7 @@ def _shown(motion, scene, std, rate, seed, k):
     errors = std * np.random.default_rng((seed, k)).standard_normal((len(frames), 6))
     turned = product(poses[:, 3:], of_vectors(errors[:, 3:]))
     measured = np.concatenate([poses[:, :3] + errors[:, :3], turned], axis=1)
-    return _Shown(motion.times[frames], poses, measured, max(contact, 2))
+    return _Recording(motion.times[frames], poses, measured, max(contact, 2))
 
 
 def _score(one, scene, std, recorded, noise, members, seed):

@@ -75,7 +75,7 @@ def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
     inverse = np.linalg.inv(H)
     stds = np.sqrt(np.diagonal(inverse @ spread @ inverse))
     for k in np.flatnonzero(stds < _NARROWER):
-        stds[k] = max(stds[k], _as_far_as_likely(posterior, x, middle, k, stds[k]))
+        stds[k] = max(stds[k], _std_from_increase(posterior, x, middle, k, stds[k]))
     stds = np.minimum(stds, 1.0)
     return Estimate(x, stds, stds < _NARROWER)
 
@@ -149,7 +149,7 @@ def _spread(slopes, hessian):
     return (own.T @ own + _LIKE_LIKELIHOOD * PRIOR_WEIGHT * hessian) / (count - 1 + _LIKE_LIKELIHOOD)
 
 
-def _as_far_as_likely(posterior, x, middle, k, std):
+def _std_from_increase(posterior, x, middle, k, std):
     """Return the standard deviation of a value from the increase of the score on both sides of it.
 
     For a quadratic score it is ``std``: two standard deviations away, the score is larger by one standard

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 ROLLOUTS = 12
 #: Rollouts that are added if the comparison is inconclusive, and the number of rollouts from which on none
 #: are added.
-FURTHER, SURE = 24, 36
+_ADDED, _CONCLUSIVE = 24, 36
 _ENOUGH = 1000  # rollouts with which no search for rare outcomes is necessary
-_EVEN = 1.05  # asymmetry of sigma points up to which their spread is not compared
-_OPEN = 1.4, 2.7  # factors between which a dozen rollouts cannot decide whether spreads differ by two
-_OPEN_IN_DOUBT = 1.1  # the lower factor if contacts were doubtful
+_SYMMETRIC = 1.05  # asymmetry of sigma points up to which their spread is not compared
+_INCONCLUSIVE = 1.4, 2.7  # factors between which a dozen rollouts cannot decide whether spreads differ by two
+_INCONCLUSIVE_IN_DOUBT = 1.1  # the lower factor if contacts were doubtful
 _SEED = 0  # of the rollouts; added rollouts have the next one. A fixed seed makes statuses reproducible
 
 
@@ -67,21 +67,21 @@ def _judge(prediction, rollouts):
     found = [Evidence.of(prediction, start, snapshot) for snapshot in prediction.snapshots]
     if rollouts > 0:
         _compare(prediction, found, [k for k, one in enumerate(found) if needs_rollouts(one)], rollouts)
-    if 0 < rollouts < SURE:
+    if 0 < rollouts < _CONCLUSIVE:
         places = [k for k, one in enumerate(found) if is_inconclusive(one)]
-        _compare(prediction, found, places, FURTHER, before=rollouts)
+        _compare(prediction, found, places, _ADDED, before=rollouts)
     if rollouts > 0 and may_miss(prediction):
-        _look_far(prediction, found)
+        _add_wide_rollouts(prediction, found)
     statuses = []
     for k, one in enumerate(found):
-        if k and _same(one, found[k - 1]):
+        if k and _is_same_evidence(one, found[k - 1]):
             statuses.append(statuses[-1])
         else:
             statuses.append(tuple(judged(one, body, own) for body, own in enumerate(measures_of(one))))
     return tuple(statuses)
 
 
-def _same(evidence, other):
+def _is_same_evidence(evidence, other):
     """Return whether two times have the same evidence, as when all bodies sleep (`Snapshot.at_time`)."""
     one, before = evidence.snapshot, other.snapshot
     same = one.carry is before.carry and one.belief is before.belief
@@ -117,7 +117,7 @@ def may_miss(prediction: Prediction) -> bool:
     )
 
 
-def _look_far(prediction, found):
+def _add_wide_rollouts(prediction, found):
     """Add states of rollouts of a wider belief to evidence without them."""
     scene, initial = prediction.scene, prediction.initial
     left = [k for k, one in enumerate(found) if one.wide is None]
@@ -151,7 +151,7 @@ def needs_rollouts(evidence: Evidence) -> bool:
     if not (touched == touched[0]).all():
         return True
     asymmetry = evidence.asymmetry
-    return asymmetry is None or asymmetry.max() > _EVEN or _half_turned(evidence)
+    return asymmetry is None or asymmetry.max() > _SYMMETRIC or _may_have_wrapped(evidence)
 
 
 def is_inconclusive(evidence: Evidence) -> bool:
@@ -159,14 +159,14 @@ def is_inconclusive(evidence: Evidence) -> bool:
     factors = spread_factors(evidence)
     if factors is None:
         return False
-    low, since = _OPEN[0], evidence.uncertain_since
+    low, since = _INCONCLUSIVE[0], evidence.uncertain_since
     if since is not None:
-        low = np.where(np.isfinite(since), _OPEN_IN_DOUBT, low)
+        low = np.where(np.isfinite(since), _INCONCLUSIVE_IN_DOUBT, low)
     factor = factors.max(axis=1)
-    return bool(((low < factor) & (factor < _OPEN[1])).any())
+    return bool(((low < factor) & (factor < _INCONCLUSIVE[1])).any())
 
 
-def _half_turned(evidence):
+def _may_have_wrapped(evidence):
     """Return whether sigma points may have turned by half a turn since they touched something.
 
     Rotations wrap there, so the spread of the points is too small, and opposite points still look opposite.

@@ -137,7 +137,7 @@ def _with_flights(prediction, marks):
     enough = isinstance(propagator, Anytime) or (isinstance(propagator, Samples) and not propagator.resamples)
     if (
         enough
-        or _flies_uncertainly(scene)
+        or _has_uncertain_flight(scene)
         or not len(scene.moving)
         or is_certain(scene, prediction.initial, last)
     ):
@@ -148,7 +148,7 @@ def _with_flights(prediction, marks):
     )
 
 
-def _flies_uncertainly(scene):
+def _has_uncertain_flight(scene):
     """Return whether uncertain parameters matter before the first contact."""
     return any(parameter.name not in Materials._fields for parameter in scene.uncertain)
 

@@ -275,11 +275,11 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
         else:
             states[:, group.bodies] = ends[:1, group.bodies]
     if scene.integrator == "implicit" and (near >= 0).any():
-        _obey(states, ends, near, scene)
+        _replace_penetrating(states, ends, near, scene)
     return states
 
 
-def _obey(states, ends, near, scene):
+def _replace_penetrating(states, ends, near, scene):
     """Replace samples that penetrate deeper than all rollouts by rollouts, in place.
 
     Bodies of one group are replaced together. Bodies of two groups have not met, so a sample in which they

@@ -30,7 +30,7 @@ _TOGETHER = 1.2
 _EMPTY = 2.0
 #: Standard deviations from a mode's median beyond which a rollout is an outlier; standard deviation of a
 #: normal distribution over its median absolute deviation; and least standard deviation [body radii, rad].
-_STRANGE, _NORMAL, _LEAST_SCALE = 8.0, 1.4826, 0.05
+_OUTLIER, _NORMAL, _LEAST_SCALE = 8.0, 1.4826, 0.05
 #: Time for which rollouts are extrapolated before outliers are assigned [s]; about a fall from a table.
 _SOON = 0.3
 
@@ -78,7 +78,7 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
     pose = pose[:, spread > _SMALL]
     labels = np.zeros(len(states), np.int64)
     if pose.shape[1] and len(states) > 1:
-        labels = _without_strangers(pose, soon, _labels(pose / pose.std(axis=0)))
+        labels = _with_reassigned_outliers(pose, soon, _labels(pose / pose.std(axis=0)))
     parts = [np.flatnonzero(labels == label) for label in np.unique(labels)]
     modes = [_mode_of(states, part) for part in parts]
     while (pair := _same_outcome(parts, modes)) is not None:
@@ -153,7 +153,7 @@ def _labels(x):
     return labels
 
 
-def _without_strangers(pose, soon, labels):
+def _with_reassigned_outliers(pose, soon, labels):
     """Return labels (S,) in which outliers of their mode belong to the mode of the nearest rollout.
 
     An outlier is many median absolute deviations of poses (S, d) from the median of its mode. Distances are
@@ -163,15 +163,15 @@ def _without_strangers(pose, soon, labels):
     modes = np.unique(labels)
     if len(modes) < 2:
         return labels
-    strange = np.empty(len(pose), bool)
+    is_outlier = np.empty(len(pose), bool)
     for label in modes:
         own = pose[labels == label]
         apart = np.abs(own - np.median(own, axis=0))
         scale = np.maximum(_NORMAL * np.median(apart, axis=0), _LEAST_SCALE)
-        strange[labels == label] = (apart / scale).max(axis=1) > _STRANGE
-    found, left = labels.copy(), np.flatnonzero(strange)
+        is_outlier[labels == label] = (apart / scale).max(axis=1) > _OUTLIER
+    found, left = labels.copy(), np.flatnonzero(is_outlier)
     distances = np.linalg.norm(soon[left, None] - soon, axis=2)
-    distances[:, strange] = np.inf
+    distances[:, is_outlier] = np.inf
     while len(left):
         row, nearest = np.unravel_index(distances.argmin(), distances.shape)
         k = left[row]

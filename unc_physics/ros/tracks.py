@@ -162,7 +162,7 @@ class Tracks:
         outcome = ObservationReport()
         self._environment.check_set(settings, "tracked")
         if self._tracker is not None and stamp > self._stamp + _LONGEST_GAP * 1e9:
-            self._begin_anew()
+            self._forget_objects()
         outcome.is_late = self._tracker is not None and stamp < self._observed
         found = []
         for own in objects:
@@ -629,7 +629,7 @@ class Tracks:
             except NotSupportedError:  # uncertain parameters vanish with it
                 self._rebuild(settings)
 
-    def _begin_anew(self):
+    def _forget_objects(self):
         """Forget all objects, and keep the paths of the robot."""
         robots, models = self._robots, self._models
         self.clear()

@@ -357,8 +357,10 @@ class Tracker:
         self._symmetries |= symmetries
         state = State(carry, share, tracks, tied)
         if scene.bodies[-1].free:
-            state = self._redrawn(state, len(tracks) - 1, Filter(known.state, known.covariance, self._time))
-        self._begin_anew(state)
+            state = self._with_drawn_members(
+                state, len(tracks) - 1, Filter(known.state, known.covariance, self._time)
+            )
+        self._restart_history(state)
 
     def remove(self, name: str) -> None:
         """Remove a body at the tracker's time; earlier measurements no longer count.
@@ -385,7 +387,9 @@ class Tracker:
         tracks = tuple(track for track, stay in zip(state.tracks, stays, strict=True) if stay)
         self._set_scene(scene)
         self._symmetries.pop(name, None)
-        self._begin_anew(State(carry, state.contact_share[kept], tracks, state.tied[np.ix_(stays, stays)]))
+        self._restart_history(
+            State(carry, state.contact_share[kept], tracks, state.tied[np.ix_(stays, stays)])
+        )
 
     def act(self, paths: Mapping[str, PosePath]) -> None:
         """Replace the paths of prescribed bodies, from the tracker's time on.
@@ -405,7 +409,7 @@ class Tracker:
             bodies[names.index(name)] = replace(bodies[names.index(name)], trajectory=path)
         state = self._state_at(self._time)
         self._set_scene(replace(self._scene, bodies=bodies))
-        self._begin_anew(
+        self._restart_history(
             state._replace(
                 carry=state.carry._replace(contact_history=histories.woken(state.carry.contact_history))
             )
@@ -417,7 +421,8 @@ class Tracker:
         self._scene = scene
         self._piece = max(1, math.floor(_PIECE / scene.dt + 1e-6))
 
-    def _begin_anew(self, state):
+    def _restart_history(self, state):
+        """Let the history begin with a state at the tracker's time."""
         self._history = [_Entry(self._time, {}, state)]
         self._present = state
 
@@ -492,7 +497,7 @@ class Tracker:
             body = names[name]
             reference = body if measurement.reference is None else names[measurement.reference]
             seen.append((body, reference, measurement.observation(scene.bodies[body])))
-        observations = [self._noisy(state, entry.time, mean, *one) for one in seen]
+        observations = [self._body_observation(state, entry.time, mean, *one) for one in seen]
         carry = state.carry
         result = corrected(
             carry.states,
@@ -516,7 +521,7 @@ class Tracker:
                 rejected.append(scene.bodies[body].name)
                 continue
             if physics.accepted:
-                history = _begun_anew(state.carry.contact_history, body)
+                history = _with_fresh_adjustments(state.carry.contact_history, body)
                 state = state._replace(carry=state.carry._replace(contact_history=history))
             elif track.mode is TrackMode.PHYSICS:  # only the filter, which is not in charge, used it
                 rejected.append(scene.bodies[body].name)
@@ -525,17 +530,17 @@ class Tracker:
                     restart = self._started(k, state, place, entry.time)
                     if restart is not None:
                         return restart
-                    state = self._free_again(state, place)
+                    state = self._resumed_physics(state, place)
                 else:
-                    state = self._redrawn(state, place, track.free)
+                    state = self._with_drawn_members(state, place, track.free)
             elif track.mode is TrackMode.CARRIED and track.evidence == 0.0:
                 # the members then show the motion of the body if it is released now
-                state = self._redrawn(state, place, track.free)
+                state = self._with_drawn_members(state, place, track.free)
             tracks = list(state.tracks)
         entry.state, entry.rejected = state, tuple(rejected)
         return None
 
-    def _noisy(self, state, time, mean, body, reference, observation):
+    def _body_observation(self, state, time, mean, body, reference, observation):
         """Return the equivalent observation nearest to the mean, with the noise of the body's shape."""
         observation = folded(self._symmetry(body), observation, mean[body], mean[reference])
         shape = self._noise.shape_variance(state.contact_share[body])[: len(observation.noise)]
@@ -567,16 +572,16 @@ class Tracker:
         tracks = list(entry.state.tracks)
         tracks[place] = tracks[place]._replace(mode=TrackMode.PHYSICS, first=None)
         state = entry.state._replace(tracks=tuple(tracks))
-        entry.state = self._redrawn(state, place, Filter(mean, covariance, first.time))
+        entry.state = self._with_drawn_members(state, place, Filter(mean, covariance, first.time))
         return at[-1] + 1
 
-    def _free_again(self, state, place):
+    def _resumed_physics(self, state, place):
         """Return the state in which physics continues from a body's filter."""
         tracks = list(state.tracks)
         tracks[place] = tracks[place]._replace(mode=TrackMode.PHYSICS, first=None)
-        return self._redrawn(state._replace(tracks=tuple(tracks)), place, tracks[place].free)
+        return self._with_drawn_members(state._replace(tracks=tuple(tracks)), place, tracks[place].free)
 
-    def _redrawn(self, state, place, free):
+    def _with_drawn_members(self, state, place, free):
         """Return the state with a body's members drawn from a filter's belief.
 
         If physics begins there, overlap is removed.
@@ -600,7 +605,7 @@ class Tracker:
             states, kept = move_out_of_overlap(scene, around, states, [body])
             history = histories.with_kept_overlap(history, kept, [body])
             depth = np.maximum(kept[:, body].max(axis=1), kept[:, :, body].max(axis=1))
-        history = _begun_anew(history, body, depth)
+        history = _with_fresh_adjustments(history, body, depth)
         return state._replace(carry=carry._replace(states=states, contact_history=history))
 
     def _groups(self, state):
@@ -800,7 +805,7 @@ def _touching_support(history, world, time):
     return history._replace(first_time=first)
 
 
-def _begun_anew(history, body, kept=None):
+def _with_fresh_adjustments(history, body, kept=None):
     """Return the history with the adjustments of a body's start replaced by those since a measurement.
 
     Only the overlap (N,) that it keeps without a force remains, by default as before.
