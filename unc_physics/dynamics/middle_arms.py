@@ -93,7 +93,7 @@ def push_in_the_middle(h, fall, world, work):
     while first < m:
         last, lead = next_patch(rows, first, m)
         for c in range(first, last):
-            rows[c, IN_MIDDLE] = 0.0
+            rows[c, IN_MIDDLE], rows[c, ANCHOR] = 0.0, -1.0
         i = ids[lead, 0]
         n, turn = triple(rows[lead], 0), mean_turn(h, work.velocity, i)
         if ids[lead, 1] < 0 and _turns_across(n, times(world.dt / h, turn)):
