@@ -12,6 +12,7 @@ import numpy as np
 from ..compiler.compile_time import clock
 from ..propagators.balanced_monte_carlo import BalancedMonteCarlo
 from ..propagators.base import PointPairs, rollout_count
+from ..propagators.modes import may_split
 from ..scene.marks import mark_at
 from ..spatial.layout import ERR_ANGULAR_VELOCITY
 from ..spatial.moments import pose_spreads
@@ -155,10 +156,15 @@ def needs_rollouts(evidence: Evidence) -> bool:
 
 
 def is_inconclusive(evidence: Evidence) -> bool:
-    """Return whether the spreads of a few rollouts leave open if the predicted ones are wrong."""
-    factors = spread_factors(evidence)
+    """Return whether a few rollouts leave open if predicted spreads are wrong, or if outcomes split."""
+    factors, scene, compared = spread_factors(evidence), evidence.scene, evidence.compared
     if factors is None:
         return False
+    if compared is not None and any(
+        may_split(compared[:, k], scene.bodies[k].model.bounding_radius)
+        for k in np.flatnonzero(evidence.touches).tolist()
+    ):
+        return True
     low, since = _INCONCLUSIVE[0], evidence.uncertain_since
     if since is not None:
         low = np.where(np.isfinite(since), _INCONCLUSIVE_IN_DOUBT, low)

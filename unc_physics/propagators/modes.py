@@ -70,8 +70,7 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
     rollout that they come closest to within 0.3 s. Parts in the same place, or of fewer than three rollouts,
     are joined. A mode has weight, mean and covariance of its rollouts.
     """
-    _, errors = mean_and_errors(np.ascontiguousarray(states[:, None]), np.arange(1))
-    pose = np.concatenate([errors[:, ERR_POSITION] / radius, errors[:, ERR_ROTATION]], axis=1)
+    pose = _poses(states, radius)
     spread = pose.std(axis=0)
     soon = pose.copy()
     soon[:, :3] += _SOON / radius * states[:, VELOCITY]
@@ -87,6 +86,26 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
         modes.pop(other)
         modes[one] = _mode_of(states, parts[one])
     return tuple(sorted(modes, key=lambda mode: -mode.weight))
+
+
+def may_split(states: np.ndarray, radius: float) -> bool:
+    """Return whether `split` may find several modes in more rollouts of the same body.
+
+    True if rollouts (S, 13) of a body with this radius [m] have one mode, and a gap that is wide except for
+    its allowance for very few rollouts.
+    """
+    pose = _poses(states, radius)
+    pose = pose[:, pose.std(axis=0) > _SMALL]
+    if not pose.shape[1]:
+        return False
+    gap, _ = _second_part(pose / pose.std(axis=0), _APART + _BY_CHANCE / math.sqrt(len(pose)))
+    return gap > 0.0 and len(split(states, radius)) == 1
+
+
+def _poses(states, radius):
+    """Return poses (S, 6) relative to their mean, positions in radii and rotations in rad."""
+    _, errors = mean_and_errors(np.ascontiguousarray(states[:, None]), np.arange(1))
+    return np.concatenate([errors[:, ERR_POSITION] / radius, errors[:, ERR_ROTATION]], axis=1)
 
 
 def contains(mode: Mode, mean: np.ndarray, radius: float) -> bool:
@@ -181,8 +200,11 @@ def _with_reassigned_outliers(pose, soon, labels):
     return found
 
 
-def _second_part(x):
-    """Return the gap between two parts of points (S, d), and the second part (S,); 0 without a gap."""
+def _second_part(x, least=None):
+    """Return the gap between two parts of points (S, d), and the second part (S,); 0 without a gap.
+
+    ``least`` replaces the least gap that counts.
+    """
     spread = x.std(axis=0)
     some = spread > _CONSTANT
     whole = 0.0, np.zeros(len(x), bool)
@@ -194,7 +216,9 @@ def _second_part(x):
     order = np.argsort(along, axis=0, kind="stable")
     gaps, counts = _widest_gaps(np.take_along_axis(along, order, axis=0), math.ceil(_LEAST * len(x)))
     best = int(gaps.argmax())
-    if gaps[best] <= _APART + max(_BY_CHANCE / math.sqrt(len(x)), _BY_CHANCE_OF_FEW / len(x)):
+    if least is None:
+        least = _APART + max(_BY_CHANCE / math.sqrt(len(x)), _BY_CHANCE_OF_FEW / len(x))
+    if gaps[best] <= least:
         return whole
     found = np.zeros(len(x), bool)
     found[order[counts[best] :, best]] = True
