@@ -122,7 +122,7 @@ def test_an_end_before_the_goal_is_flagged(loaded):
     scene, belief, _ = loaded("two_bodies")
     for options in ({"time": 1e-6}, {"runs": 12}):
         short = assess(predict(scene, belief, make_propagator("auto", **options), 1.5))
-        assert all("ended before the errors" in status.message for status in short)
+        assert all("ended before its accuracy was reached" in status.message for status in short)
     assert all("missed" not in status.message for status in assess(predict(scene, belief, "auto", 1.5)))
 
 

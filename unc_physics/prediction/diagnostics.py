@@ -514,13 +514,9 @@ def rare_outcomes(evidence):
     return tail_factors(evidence.scene, evidence.snapshot.belief, evidence.wide).max(axis=1)
 
 
-@_measure(
-    Status.OUTSIDE_VALIDITY,
-    1.05,
-    "ended before the errors that were asked for were reached; allow more time or runs",
-)
+@_measure(Status.OUTSIDE_VALIDITY, 1.05, "ended before its accuracy was reached; allow more time or runs")
 def missed_goal(evidence):
-    """Largest error over what was asked for, or 32 over the number of rollouts. For ``auto``."""
+    """Largest error over its limit, or 32 over the number of rollouts. For ``auto``."""
     return evidence.own_measures.get("missed_goal")
 
 
