@@ -1,5 +1,6 @@
 """The node as a process: it ends cleanly, also while it works."""
 
+import importlib
 import re
 import signal
 import subprocess
@@ -52,6 +53,29 @@ def test_arguments_that_make_no_sense_end_the_node_with_a_sentence(arguments, wo
     said = capfd.readouterr().err
     assert re.search(f"^unc_physics_node: {words}", said, re.MULTILINE), said
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("module", "program"),
+    [
+        ("node", "unc_physics_node"),
+        ("lifecycle_node", "unc_physics_lifecycle_node"),
+        ("view_node", "unc_physics_view"),
+    ],
+)
+@pytest.mark.parametrize("flag", ["-h", "--help"])
+def test_help_is_printed_in_place_of_a_node(module, program, flag, capsys, monkeypatch):
+    if module == "view_node":
+        pytest.importorskip("viser", reason="the extra 'view' is not installed")
+    started = importlib.import_module(f"unc_physics.ros.{module}")
+    monkeypatch.setattr(started, "leave", sys.exit)  # which ends pytest otherwise
+    monkeypatch.setattr(sys, "argv", [program, flag])
+    monkeypatch.setattr("unc_physics.ros.node._init", lambda _: pytest.fail("a node was started"))
+    with pytest.raises(SystemExit) as ended:
+        started.main()
+    said = capsys.readouterr().out
+    assert ended.value.code == 0
+    assert said.startswith(f"usage: {program} [--ros-args") and "unc_physics.ros.parameters" in said
 
 
 def test_with_an_empty_cache_it_says_what_it_does_and_answers(client, tmp_path, monkeypatch):

@@ -50,7 +50,7 @@ class UncPhysicsLifecycleNode(ServingNode, LifecycleNode):
 
 def main(arguments=None) -> None:
     """Run the lifecycle node and end the process."""
-    leave(run(UncPhysicsLifecycleNode, arguments))
+    leave(run(UncPhysicsLifecycleNode, arguments, "unc_physics_lifecycle_node"))
 
 
 if __name__ == "__main__":

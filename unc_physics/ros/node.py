@@ -27,6 +27,15 @@ from .server import PredictionServer
 _SWITCH_INTERVAL = 5e-4  # s
 _POLL_PERIOD = 0.5  # s, between checks whether the node is ready or failed
 _SETTLING_TIMEOUT = 2.0  # s
+_USAGE = """\
+usage: {program} [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r OLD:=NEW]...]
+
+  -p NAME:=VALUE      set a parameter
+  --params-file FILE  set the parameters in a YAML file
+  -r OLD:=NEW         rename a topic, a service, or the node (__node:=NAME, __ns:=/NAMESPACE)
+
+`python3 -m unc_physics.ros.parameters` prints a file of the prediction node's parameters with descriptions.
+While the node runs, `ros2 param describe NODE NAME` describes one."""
 # kept until the process ends: freeing an events executor with callbacks aborts the process
 _ended_executors = []
 
@@ -110,7 +119,8 @@ class UncPhysicsNode(ServingNode):
 def run(make_node, arguments=None, program="unc_physics_node") -> int:
     """Spin a node until SIGINT, SIGTERM or the shutdown of its context; return the exit status.
 
-    The node is closed while it still spins, so that all requests are answered.
+    The node is closed while it still spins, so that all requests are answered. With ``-h`` or ``--help``, the
+    usage is printed instead.
 
     Parameters
     ----------
@@ -119,8 +129,11 @@ def run(make_node, arguments=None, program="unc_physics_node") -> int:
     arguments : list of str, optional
         Command line with ROS arguments.
     program : str
-        Name of the program in error messages.
+        Name of the program in the usage and in error messages.
     """
+    if {"-h", "--help"} & set(sys.argv[1:] if arguments is None else arguments):
+        print(_USAGE.format(program=program))
+        return 0
     stop, node, spinning = threading.Event(), None, None
     try:
         _init(arguments)
