@@ -12,8 +12,9 @@ from running import Inbox, NodeProcess, wait_until
 from scenes import assert_answered, moving_object, request_of
 
 from unc_physics import PROPAGATORS
-from unc_physics.checks.errors import ErrorCode
+from unc_physics.checks.errors import ErrorCode, UnknownModelError
 from unc_physics.geometry.library import find_model
+from unc_physics.ros.models import ModelLibrary
 from unc_physics_msgs.msg import ModelInfo, ModelList
 from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel
 
@@ -77,6 +78,16 @@ def test_files_that_are_no_models(load, listed, tmp_path, path, code):
     response = load(path=path.format(tmp=tmp_path), name="none")
     assert ErrorCode(response.result.error_code).name == code, response.result.error_msg
     assert "none" not in listed()
+
+
+def test_a_path_without_a_file_is_named(tmp_path):
+    path = str(tmp_path / "nothing.npz")
+    with pytest.raises(UnknownModelError, match=f"^model is no file on the node's machine .*{path}"):
+        ModelLibrary(allow_paths=True).shape(path)
+    with pytest.raises(UnknownModelError, match="^model must be a name, as .*allow_model_paths is false"):
+        ModelLibrary().shape(path)
+    with pytest.raises(UnknownModelError, match="^model is unknown; the models are: .*bunny"):
+        ModelLibrary(allow_paths=True).shape("nothing")
 
 
 def test_a_mesh_is_packed_in_the_background(load, listed, client, tmp_path):

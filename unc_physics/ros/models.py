@@ -140,7 +140,9 @@ class ModelLibrary:
             if model not in self._paths:
                 known = ", ".join(sorted(self._paths)) or "none"
                 problem = f"is unknown; the models are: {known}"
-                if model.endswith(".npz") and not self._allow_paths:
+                if by_path:
+                    problem = "is no file on the node's machine"
+                elif model.endswith(".npz"):
                     problem = "must be a name, as the parameter allow_model_paths is false"
                 raise UnknownModelError(problem, field="model", value=model)
             return self._paths[model]
