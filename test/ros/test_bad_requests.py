@@ -151,7 +151,7 @@ BAD = [
     field("@.id", "environment", "INVALID_REQUEST", "@.id is reserved"),
     field("@.kind", 9, "INVALID_REQUEST"),
     field("@.model", "Döner 🥙", "UNKNOWN_MODEL"),
-    field("@.model", "", "UNKNOWN_MODEL"),
+    field("@.model", "", "INVALID_REQUEST", "@ must have exactly one of model"),
     field("@.model", "/tmp/model.npz", "UNKNOWN_MODEL", "@.model must be a name"),
     field("@.model", "text", "INVALID_MODEL"),
     field("@.model", "contradiction", "INVALID_MODEL"),

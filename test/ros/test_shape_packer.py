@@ -174,7 +174,12 @@ STAR = tuple((float(np.cos(2.0 * a)), float(np.sin(2.0 * a))) for a in 2.0 * np.
         ({"mesh": mesh_message(OPEN)}, r"mesh is not closed|mesh .*edge"),
         ({"mesh": Mesh(vertices=[Point()])}, r"mesh has no triangles"),
         ({"mesh": AWAY}, r"mesh.triangles must be indices of the 96 vertices"),
-        ({"mesh": mesh_message(TORUS), "model": "can"}, "mesh must not be given beside a model"),
+        ({"mesh": mesh_message(TORUS), "model": "can"}, "must have exactly one of model, primitive and mesh"),
+        (
+            {"mesh": mesh_message(TORUS), "primitive": primitive(SolidPrimitive.SPHERE, 0.1)},
+            "must have exactly one of model, primitive and mesh",
+        ),
+        ({}, "must have exactly one of model, primitive and mesh$"),
         ({"primitive": primitive(9, 1.0)}, r"primitive.type is no kind of primitive .*got 9"),
         ({"primitive": primitive(SolidPrimitive.CONE, 1.0)}, r"primitive.dimensions must"),
         ({"primitive": primitive(SolidPrimitive.BOX, 1.0, 0.0, 1.0)}, r"sions\[1\] must be positive"),

@@ -527,10 +527,8 @@ def _fixed(element):
 
 def _shape(message, reader):
     """Return the packing of an object's named model, primitive or mesh."""
-    given = given_shapes(message)
-    if given not in (["primitive"], ["mesh"]):
-        if len(given) > 1:
-            raise InvalidRequestError("must not be given beside a model", field=given[-1])
+    (name,) = given_shapes(message)
+    if name == "model":
         scale = number(message.scale, "scale")
         return reader.library.shape(
             message.model,
@@ -540,7 +538,6 @@ def _shape(message, reader):
             default=reader.spheres,
             meets=reader.meets,
         )
-    (name,) = given
     limit, packer = reader.max_spheres, reader.library.shape_packer
     if limit is not None and message.spheres > limit:
         raise LimitExceededError(f"must be at most {limit}", field="spheres", value=message.spheres)
@@ -553,6 +550,8 @@ def _body(message, place, reader):
     """Return a body's arguments, state (13,) and covariance (12, 12), and whether zeros are replaced."""
     field, actions = place
     fixed = _is_fixed(message, place)
+    if len(given_shapes(message)) != 1:
+        raise InvalidRequestError("must have exactly one of model, primitive and mesh", field=field)
     try:
         model = _shape(message, reader)
     except UncPhysicsError as error:
