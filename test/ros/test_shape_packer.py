@@ -192,7 +192,6 @@ STAR = tuple((float(np.cos(2.0 * a)), float(np.sin(2.0 * a))) for a in 2.0 * np.
             {"primitive": primitive(SolidPrimitive.PRISM, 1.0, polygon=STAR)},
             r"primitive.polygon must be convex",
         ),
-        ({"mesh": mesh_message(TORUS), "mass": 0.0}, "mass must be given"),
     ],
 )
 def test_bad_shapes_are_told_in_a_sentence(library, fields, words):
@@ -200,6 +199,30 @@ def test_bad_shapes_are_told_in_a_sentence(library, fields, words):
     message.mass = fields.get("mass", 1.0)
     with pytest.raises(UncPhysicsError, match=r"^scene.objects\[0\]\.?.*(" + words + ")"):
         read(library, message)
+
+
+@pytest.mark.parametrize(
+    ("mass", "words"),
+    [
+        (0.0, "must be given, since the {} of object 'thing' has none"),
+        (-1.0, "must be positive"),
+        (float("nan"), "must be finite"),
+        (1e300, "must be between"),
+    ],
+)
+def test_a_mass_is_checked_before_its_shape_is_packed(library, monkeypatch, mass, words):
+    box = primitive(SolidPrimitive.BOX, 0.31, 0.2, 0.1)
+    with monkeypatch.context() as patch:
+        patch.setattr(models, "_pack", lambda *_: pytest.fail("packed"))
+        for name, shape in (("primitive", box), ("mesh", mesh_message(TORUS))):
+            message = shaped(**{name: shape})
+            message.mass = mass
+            with pytest.raises(UncPhysicsError, match=rf"^scene.objects\[0\].mass {words.format(name)}"):
+                read(library, message)
+    if not mass:
+        fixed = shaped(primitive=box, kind=ObjectState.FIXED)
+        fixed.mass = mass
+        assert read(library, moving_object(), fixed).scene.bodies[1].fixed
 
 
 def test_limits_and_what_an_obstacle_cannot_have(library, monkeypatch):

@@ -37,17 +37,20 @@ def known_mass(mass: float | None, model: SpherePacking, fixed: bool, field: str
     no effect.
     """
     if mass is not None:
-        mass = positive(mass, field, InvalidMassError)
-        if not MASSES[0] <= mass <= MASSES[1]:
-            raise InvalidMassError(
-                f"must be between {MASSES[0]:g} and {MASSES[1]:g} kg", field=field, value=mass
-            )
-        return mass
+        return valid_mass(mass, field)
     if model.mass is not None:
         return model.mass
     if fixed:
         return 1.0
     raise InvalidMassError(f"must be given, since model '{model.name}' has no mass of its own", field=field)
+
+
+def valid_mass(mass: float, field: str) -> float:
+    """Return a given mass [kg]; raise `InvalidMassError` or `NotFiniteError` if it is out of range."""
+    mass = positive(mass, field, InvalidMassError)
+    if not MASSES[0] <= mass <= MASSES[1]:
+        raise InvalidMassError(f"must be between {MASSES[0]:g} and {MASSES[1]:g} kg", field=field, value=mass)
+    return mass
 
 
 @with_named_arguments

@@ -20,6 +20,7 @@ from unc_physics_msgs.msg import Scene as SceneMessage
 from ...checks.errors import (
     DuplicateIdError,
     InvalidCovarianceError,
+    InvalidMassError,
     InvalidModelError,
     InvalidOptionError,
     InvalidRequestError,
@@ -31,7 +32,7 @@ from ...checks.errors import (
 from ...checks.validation import FARTHEST, array, covariance, non_negative, number, point, quaternion
 from ...geometry.packing_file import ROUND_OFF, SpherePacking
 from ...scene.belief import Belief
-from ...scene.body import RigidBody, known_mass
+from ...scene.body import RigidBody, known_mass, valid_mass
 from ...scene.environment import check_not_reserved, element_names, may_meet
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
@@ -525,6 +526,24 @@ def _fixed(element):
     return body, moved(at_origin, writable(element.model.origin), -1.0), np.zeros((ERROR, ERROR)), False
 
 
+def _check_shape(message, kinematic, field):
+    """Raise an error unless an object has one shape, and a mass if that has none of its own.
+
+    The mass of a primitive or mesh is checked here, because its packing takes seconds.
+    """
+    given = given_shapes(message)
+    if len(given) != 1:
+        raise InvalidRequestError("must have exactly one of model, primitive and mesh", field=field)
+    if given == ["model"]:
+        return
+    if message.mass:
+        valid_mass(message.mass, f"{field}.mass")
+    elif not kinematic:
+        raise InvalidMassError(
+            f"must be given, since the {given[0]} of object '{message.id}' has none", field=f"{field}.mass"
+        )
+
+
 def _shape(message, reader):
     """Return the packing of an object's named model, primitive or mesh."""
     (name,) = given_shapes(message)
@@ -550,8 +569,7 @@ def _body(message, place, reader):
     """Return a body's arguments, state (13,) and covariance (12, 12), and whether zeros are replaced."""
     field, actions = place
     fixed = _is_fixed(message, place)
-    if len(given_shapes(message)) != 1:
-        raise InvalidRequestError("must have exactly one of model, primitive and mesh", field=field)
+    _check_shape(message, fixed or actions.trajectory is not None, field)
     try:
         model = _shape(message, reader)
     except UncPhysicsError as error:
