@@ -391,6 +391,14 @@ def test_arguments_are_checked_before_anything_is_sent(asked, space, table):
         asked.predict(table[0], space[1], "sigma_points", 0.1)
 
 
+def test_a_node_that_does_not_track_is_named_at_once(asked):
+    for name, ask in (("fork", lambda: asked.fork(0.5)), ("reset", asked.reset)):
+        with pytest.raises(
+            NotActiveError, match=f"/{name} is not offered, as the node does not track.*track:=true"
+        ):
+            ask()
+
+
 def test_a_node_that_does_not_answer_is_named(space):
     with Client(server="/nobody", timeout=0.2) as client:
         with pytest.raises(NotActiveError, match="/nobody/list_models is not offered.*start one"):

@@ -531,7 +531,7 @@ class Client:
             belief = Belief.of(scene, {})
             request.objects = [write_object(scene, belief, b, self._model_info) for b in range(len(links))]
             request.actions = [action for body in links for action in write_actions(body)]
-        answer = self._connection.call(Fork, "fork", request)
+        answer = self._call_tracker(Fork, "fork", request)
         if answer.result.error_code:
             raise read_error(answer.result)
         if self._library is None:
@@ -553,11 +553,20 @@ class Client:
             return not (known & forgotten if forgotten else known)
 
         with tracked.from_first(is_after) as wait:
-            answer = self._connection.call(Reset, "reset", Reset.Request(ids=list(forgotten)))
+            answer = self._call_tracker(Reset, "reset", Reset.Request(ids=list(forgotten)))
             if answer.result.error_code:
                 raise read_error(answer.result)
             if not wait(_RESET_TIMEOUT) and not forgotten:  # the topic is not connected yet
                 tracked.set(TrackedObjects())
+
+    def _call_tracker(self, service_type: Any, name: str, request: Any) -> Any:
+        """Return the answer of a tracker's service; raise `NotActiveError` if the node does not track."""
+        if not self._connection.offers(service_type, name) and "tracking" not in self.capabilities().features:
+            raise NotActiveError(
+                "is not offered, as the node does not track; start it with track:=true",
+                field=f"{self._server}/{name}",
+            )
+        return self._connection.call(service_type, name, request)
 
     def capabilities(self) -> GetCapabilities.Response:
         """Return the node's propagators with traits and options, features, limits, physics and versions."""

@@ -88,6 +88,11 @@ class Connection:
         self._executor()
         return self._wait(client.call_async(request), name, client.service_is_ready)
 
+    def offers(self, service_type: Any, name: str) -> bool:
+        """Return whether the node offers the service ``~/name``, as far as is known now."""
+        name = f"{self._server}/{name}"
+        return self._client(name, lambda: self.node.create_client(service_type, name)).service_is_ready()
+
     def run(
         self,
         action_type: Any,
