@@ -179,6 +179,18 @@ def test_scenes_of_other_times_are_dropped_and_bad_ones_told(publish, answer_to,
     assert not [one for one in received if is_of(old)(one) or is_of(bad)(one)]
 
 
+def test_the_reason_of_a_dropped_scene_is_in_the_diagnostics(publish, listener):
+    with Inbox(listener, DiagnosticArray, "/diagnostics") as diagnostics:
+
+        def given():
+            """Whether the warning shows; an error of an earlier test hides it for a while."""
+            publish(scene(listener, age=60.0))
+            status, _ = diagnostics.status(STATUS)
+            return status.message.startswith("dropped inputs: its stamp is ")
+
+        wait_until(given)
+
+
 def test_what_waits_is_replaced_by_what_is_newer():
     begun, go_on, done, replaced = threading.Event(), threading.Event(), [], []
 

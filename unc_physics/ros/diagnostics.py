@@ -18,6 +18,7 @@ from rclpy.clock import Clock, ClockType
 LIBRARY = logging.getLogger("unc_physics")
 _PERIOD = 1.0  # s
 _WINDOW = 10.0  # s
+_REPORT_PERIOD = 5.0  # s, between warnings of one kind in the log
 
 
 class Counts:
@@ -148,6 +149,30 @@ class Diagnostics:
             message.status = [*message.status, self.tracking.status(f"{name}: tracking", "tracking")]
         message.header.stamp = node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+
+class ThrottledWarnings:
+    """Warnings in a node's log, of each kind at most one in five seconds; safe for threads.
+
+    rclpy throttles each line of code instead, so that one kind would hide others.
+
+    Parameters
+    ----------
+    log : rclpy logger
+    """
+
+    def __init__(self, log):
+        self._log, self._lock = log, threading.Lock()
+        self._last: dict[str, float] = {}  # times by kind
+
+    def __call__(self, kind: str, text: str) -> None:
+        """Log a warning, unless one of its kind was logged shortly before."""
+        now = time.monotonic()
+        with self._lock:
+            if now - self._last.get(kind, -_REPORT_PERIOD) < _REPORT_PERIOD:
+                return
+            self._last[kind] = now
+        self._log.warning(text)
 
 
 class LibraryLog(logging.Handler):

@@ -15,6 +15,7 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import Prediction, PredictionRequest, Scene
 
 from ..checks.errors import PredictionTimeoutError
+from .diagnostics import ThrottledWarnings
 from .markers import MarkerTopic, OccupancyTopics
 from .messages.fields import duration, seconds
 from .messages.prediction import write_answer
@@ -25,7 +26,6 @@ from .scene_topics import OVERRIDABLE, SceneTopics, prepared, stamp_age, stamp_p
 #: End of the names of frames of predicted and of tracked objects, after the object's id.
 PREDICTED, TRACKED = "_predicted", "_tracked"
 _SAME_TIME = 1e-6  # s
-_REPORT_PERIOD = 5.0  # s, between warnings in the log
 _SHORTEST = 1e-3  # s, time limit of a scene that is nearly too old
 _SEED = 1  # equal for all scenes, so that equal scenes have equal predictions
 
@@ -35,6 +35,7 @@ class Stream:
 
     def __init__(self, server):
         self._server = server
+        self._warn = ThrottledWarnings(server.log)
         node = server.node
         self._predictions = node.create_publisher(
             Prediction, "~/predictions", 1, qos_overriding_options=OVERRIDABLE
@@ -87,10 +88,12 @@ class Stream:
         """
         server, settings, header = self._server, self._server.settings, streamed.scene.header
         published = False
-        with server.errors_to(lambda problem: self._warn(f"a scene was not predicted: {problem}")):
+        with server.errors_to(lambda problem: self._warn("failed", f"a scene was not predicted: {problem}")):
             if (reason := stamp_problem(server.node, header.stamp, settings)) is not None:
-                server.diagnostics.predictions.add("dropped inputs")
-                self._warn(f"a scene was dropped: {reason}")
+                counts = server.diagnostics.predictions
+                counts.warn(f"dropped inputs: {reason}")
+                counts.add("dropped inputs")
+                self._warn("dropped", f"a scene was dropped: {reason}")
                 return False
             scene, skipped = prepared(streamed, server.frames, server.environment, server.library, settings)
             message = Prediction()
@@ -142,7 +145,7 @@ class Stream:
         counts = server.diagnostics.predictions
         counts.add("skipped objects", len(message.skipped))
         for skipped in message.skipped:
-            self._warn(f"object '{skipped.key}' was left out: {skipped.value}")
+            self._warn("left out", f"object '{skipped.key}' was left out: {skipped.value}")
         if (delay := stamp_age(server.node, message.header.stamp)) is not None:
             counts.set("last delay of the stream [s]", delay)
 
@@ -155,12 +158,10 @@ class Stream:
         counts.add("expired predictions")
         counts.warn("late: the last horizon of a prediction had passed")
         self._warn(
-            f"a prediction was dropped: its scene is {age:.3g} s old, and its last horizon is {last:g} s"
+            "expired",
+            f"a prediction was dropped: its scene is {age:.3g} s old, and its last horizon is {last:g} s",
         )
         return True
-
-    def _warn(self, text):
-        self._server.log.warning(text, throttle_duration_sec=_REPORT_PERIOD)
 
     def _publish_poses(self, message, settings):
         poses = {

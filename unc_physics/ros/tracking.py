@@ -21,6 +21,7 @@ from ..checks.errors import CanceledError, DivergedError, UncPhysicsError
 from ..checks.names import hint
 from ..prediction.prediction import Prediction as CorePrediction
 from .detected import Detection3DArray, detected_object, scene_of_detections
+from .diagnostics import ThrottledWarnings
 from .environment import HOW_TO_SET
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
@@ -31,7 +32,6 @@ from .services import BackgroundService
 from .streams import TRACKED, TransformTopic, topic_name
 from .tracks import Tracks
 
-_REPORT_PERIOD = 5.0  # s, between warnings in the log
 _DEPTH = 20  # observations of a source that wait in the middleware
 _PENDING = 100  # observations that wait for the tracker
 _WAITING = 16  # of them, for a transform
@@ -73,6 +73,7 @@ class Tracking:
     def __init__(self, server, stream):
         self._server, self._stream, node = server, stream, server.node
         settings = server.settings
+        self._warn = ThrottledWarnings(server.log)
         self._tracks = Tracks(server.library, server.environment)
         self._lock = threading.Lock()  # of the tracks
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="tracking")
@@ -210,7 +211,7 @@ class Tracking:
             if (reason := stamp_problem(self._server.node, message.header.stamp, settings)) is not None:
                 self._counts.add("dropped messages")
                 self._counts.warn(f"dropped messages: {reason}")
-                self._warn(f"a message to the tracker was dropped: {reason}")
+                self._warn("dropped", f"a message to the tracker was dropped: {reason}")
                 return
             try:
                 work(message, transform, settings)
@@ -228,7 +229,7 @@ class Tracking:
 
     def _report_skipped(self, skipped):
         for name, reason in skipped.items():
-            self._warn(f"an observation of '{name}' was left out: {reason}")
+            self._warn("left out", f"an observation of '{name}' was left out: {reason}")
         self._counts.add("skipped observations", len(skipped))
         if reason := next(iter(skipped.values()), ""):
             self._counts.warn(f"skipped observations: {reason}")
@@ -274,7 +275,9 @@ class Tracking:
         """Publish the belief of the present time if no observation has come meanwhile."""
         settings, heard = self._server.settings, self._heard
         try:
-            with self._server.errors_to(lambda problem: self._warn(f"the tracker failed: {problem}")):
+            with self._server.errors_to(
+                lambda problem: self._warn("failed", f"the tracker failed: {problem}")
+            ):
                 if heard is not None:
                     self._advance(heard[0] + self._clock.now().nanoseconds - heard[1], settings)
         finally:
@@ -327,9 +330,6 @@ class Tracking:
             self._counts.set("objects", len(self._tracks.names))
         self._publish()
 
-    def _warn(self, text):
-        self._server.log.warning(text, throttle_duration_sec=_REPORT_PERIOD)
-
     # -- predictions -------------------------------------------------------------------------------
 
     def _predict(self, present):
@@ -338,7 +338,9 @@ class Tracking:
         A pause of the same length leaves time for the tracker. The newest belief waits meanwhile.
         """
         settings, began = self._server.settings, time.perf_counter()
-        with self._server.errors_to(lambda error: self._warn(f"a tracked scene was not predicted: {error}")):
+        with self._server.errors_to(
+            lambda error: self._warn("not predicted", f"a tracked scene was not predicted: {error}")
+        ):
             times, message = sorted(set(settings.horizons)), Prediction()
             outputs = RequestedOutputs(probabilities=settings.stream_probabilities)
             job, prediction = present.predict(times[-1], times[:-1], settings, outputs)

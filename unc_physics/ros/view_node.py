@@ -15,6 +15,7 @@ from ..checks.errors import UncPhysicsError
 from ..view.page import Page
 from ..view.session import Session, check_installed
 from .detected import mass_of
+from .diagnostics import ThrottledWarnings
 from .environment import NodeEnvironment
 from .messages.frames import Frames
 from .messages.request import read_request
@@ -33,7 +34,6 @@ _VIEW_PARAMETERS = {
     "frames": (40, "Number of times that the page shows."),
     "ghosts": (20, "Number of samples that it draws."),
 }
-_REPORT_PERIOD = 5.0  # s, between warnings in the log
 
 
 class ViewNode(Node):
@@ -60,6 +60,7 @@ class ViewNode(Node):
             for name, (default, description) in _VIEW_PARAMETERS.items()
         }
         self.page: Page | None = None
+        self._warn = ThrottledWarnings(self.get_logger())
         self._opening = threading.Lock()  # each source has its own thread
         self.parameters = ParameterServer(self)
         settings = self.parameters.settings
@@ -90,7 +91,7 @@ class ViewNode(Node):
         settings = self.parameters.settings
         try:
             if (reason := stamp_problem(self, streamed.scene.header.stamp, settings)) is not None:
-                self._warn(f"a scene was dropped: {reason}")
+                self._warn("dropped", f"a scene was dropped: {reason}")
                 return
             scene, _ = prepared(streamed, self.frames, self.environment, self.library, settings)
             if not scene.objects:
@@ -108,7 +109,7 @@ class ViewNode(Node):
                 else:
                     self.page.follow(job.scene, job.belief)
         except UncPhysicsError as error:
-            self._warn(f"a scene is not shown: {error}")
+            self._warn("failed", f"a scene is not shown: {error}")
         except Exception:  # noqa: BLE001  (no scene may end the node)
             self.get_logger().error(f"a fault of the node:\n{traceback.format_exc()}")
 
@@ -117,9 +118,6 @@ class ViewNode(Node):
         session = Session(job.scene, job.belief, job.horizon, job.propagator, frames, ghosts)
         self.page = Page(session, host, port, "unc_physics")
         self.get_logger().info(f"http://{host}:{self.page.port} shows the scene")
-
-    def _warn(self, text):
-        self.get_logger().warning(text, throttle_duration_sec=_REPORT_PERIOD)
 
     def close(self) -> None:
         """Unsubscribe and close the page."""
