@@ -192,6 +192,16 @@ def test_parts_that_overlap_are_refused_and_united_by_a_repair(tmp_path):
     assert repairs[-1] == "united 2 parts, which overlapped: the volume is 4.4% less"
 
 
+def test_parts_that_share_an_edge_are_united(tmp_path):
+    """A bracket: the ends of both boxes are flush, so that an edge has four triangles."""
+    plate, post = trimesh.creation.box([0.1, 0.04, 0.02]), trimesh.creation.box([0.02, 0.04, 0.08])
+    path = tmp_path / "bracket.stl"
+    trimesh.util.concatenate([plate, moved(post, [-0.04, 0.0, 0.03])]).export(path)
+    solid, repairs = load_solid(path, repair=True)
+    assert solid.volume == pytest.approx(0.1 * 0.04 * 0.02 + 0.02 * 0.04 * 0.06, rel=1e-6)
+    assert repairs[-1] == "united 2 parts, which overlapped: the volume is 11.1% less"
+
+
 def test_parts_that_touch_are_no_overlap(tmp_path):
     """In single precision; a little overlap, 0.02 % of the volume, is none either."""
     for depth in (0.0, 0.001):

@@ -401,13 +401,14 @@ def _with_united_parts(mesh, did):
     """Return a mesh whose parts are united where they overlap, and add a sentence about it to ``did``."""
     import trimesh
 
+    parts = mesh.split(only_watertight=False)
+    apart = trimesh.util.concatenate(parts)  # parts that share an edge have vertices of their own
     try:
-        check_outside_out(mesh.vertices, mesh.faces)
-        check_overlaps(mesh.vertices, mesh.faces)
+        check_outside_out(apart.vertices, apart.faces)
+        check_overlaps(apart.vertices, apart.faces)
     except InvalidMeshError as error:
         if _UNITES not in error.problem or find_spec("manifold3d") is None:
             return mesh
-        parts = mesh.split(only_watertight=False)
         before, volume = len(parts), mesh.volume
         mesh = trimesh.boolean.union(parts, engine="manifold")
         less = 1.0 - mesh.volume / volume
