@@ -235,7 +235,7 @@ def test_a_slot_too_narrow_does_not_explode(less):
     prediction = predict(scene, ALONE, make_propagator("monte_carlo", samples=20), 0.1)
     (status,) = assess(prediction)
     assert status.measures["overlap_kept"] > 0.0 and status.flags
-    words = r"cannot come free at the start of '(left|right)', which it overlaps by 0.01\d+ m, "
+    words = r"overlaps '(left|right)' by 0.01\d+ m at the start and has no free pose within its covariance; "
     assert re.search(words, status.message)
 
 

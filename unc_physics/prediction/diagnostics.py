@@ -170,7 +170,7 @@ def _mean_errors(evidence, body):
 def _kept_overlap(evidence, body):
     """Return the name of the deepest overlap that a body keeps, and its depth, as a text."""
     name, depth = _deepest_kept(evidence, body)
-    return "what it overlaps" if name is None else f"{name}, which it overlaps by {depth:.3g} m"
+    return "something" if name is None else f"{name} by {depth:.3g} m"
 
 
 def _kept_name(evidence, body):
@@ -235,8 +235,8 @@ def overlap_share(evidence):
 @_measure(
     Status.INITIAL_OVERLAP,
     0.02,
-    "cannot come free at the start of {detail}, and keeps the overlap; check the poses of both, or give it a"
-    " larger covariance",
+    "overlaps {detail} at the start and has no free pose within its covariance; the overlap stays; check the"
+    " poses of both, or give it a larger covariance",
     detail=_kept_overlap,
 )
 def overlap_kept(evidence):
