@@ -517,6 +517,7 @@ def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
             "INVALID_OPTION",
             "samples is given twice",
         ),
+        ("--propagator monte_carlo --seed 5 --option seed=7", "INVALID_OPTION", "seed is given twice"),
         ("--propagator monte_carlo --samples 1000000000000", "LIMIT_EXCEEDED", "samples.*1000000000000"),
         (
             "--propagator sigma_points --samples 5",

@@ -223,6 +223,7 @@ BAD = [
     (WITHOUT_CORRELATIONS, "NOT_SUPPORTED", "return_joint_covariance"),
     option(("samples", "1000000"), propagator="monte_carlo", code="LIMIT_EXCEEDED", named="samples"),
     option(("samples", "5"), propagator="monte_carlo", samples=7, named="samples is given twice"),
+    option(("seed", "5"), propagator="monte_carlo", seed=7, named="seed is given twice"),
     option(("colour", "red"), named="colour"),
     option(("", "x"), named="propagator_options[0].key must not be"),
     option(("name", "x"), named="name"),

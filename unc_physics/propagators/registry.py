@@ -86,9 +86,9 @@ def propagator_from_texts(
     )
     for key, value in (("samples", samples), ("seed", seed)):
         if value is not None and key in known:
-            if key == "samples" and key in options:
+            if key in options:
                 raise InvalidOptionError("is given twice, once as an option", field=key, value=value)
-            options.setdefault(key, value)
+            options[key] = value
     for key, value in options.items():
         if key in known and isinstance(value, str):
             options[key] = known[key].from_text(value)

@@ -208,9 +208,9 @@ def read_request(
         regions = [transform.region(region) for region in regions]
     message = complete(message)
     horizon = read_horizon(request.horizon, settings)
-    seed = request.seed or 1 + secrets.randbelow(2**_SEED_BITS - 1)
     options = _options(request.propagator_options)
     name = _add_targets(options, request)
+    seed = request.seed or (None if "seed" in options else 1 + secrets.randbelow(2**_SEED_BITS - 1))
     propagator = _propagator(name, options, request.samples, seed, settings)
     asked_time = getattr(propagator, "time", 0.0)
     propagator = _within(propagator, 0.0 if options else time_budget)
@@ -289,7 +289,7 @@ def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> Predi
     """Return the request of a query; ``model_info`` and errors are as in `write_scene`."""
     propagator = query.propagator
     options = {name: getattr(propagator, name) for name in propagator.options()}
-    if query.seed is None:
+    if query.seed != 0:  # the field's 0 would let the node choose
         options.pop("seed", None)
     request = PredictionRequest(
         scene=write_scene(query.scene, query.belief, model_info),
