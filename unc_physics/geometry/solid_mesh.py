@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -402,7 +403,7 @@ def _with_united_parts(mesh, did):
     import trimesh
 
     parts = mesh.split(only_watertight=False)
-    apart = trimesh.util.concatenate(parts)  # parts that share an edge have vertices of their own
+    apart: Any = trimesh.util.concatenate(parts)  # parts that share an edge have vertices of their own
     try:
         check_outside_out(apart.vertices, apart.faces)
         check_overlaps(apart.vertices, apart.faces)
