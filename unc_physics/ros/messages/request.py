@@ -235,7 +235,7 @@ def read_request(
         models=read.models,
         propagator=propagator,
         horizon=horizon,
-        seed=getattr(propagator, "seed", seed),
+        seed=getattr(propagator, "seed", seed or 0),
         times=read_times(request, horizon, read.scene, settings),
         max_computation_time=_computation_time(request.max_computation_time, time_limit, asked_time),
         regions=limited_regions(regions, settings),
