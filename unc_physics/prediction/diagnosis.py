@@ -160,16 +160,16 @@ def is_inconclusive(evidence: Evidence) -> bool:
     factors, scene, compared = spread_factors(evidence), evidence.scene, evidence.compared
     if factors is None:
         return False
-    if compared is not None and any(
-        may_split(compared[:, k], scene.bodies[k].model.bounding_radius)
-        for k in np.flatnonzero(evidence.touches).tolist()
-    ):
-        return True
     low, since = _INCONCLUSIVE[0], evidence.uncertain_since
     if since is not None:
         low = np.where(np.isfinite(since), _INCONCLUSIVE_IN_DOUBT, low)
     factor = factors.max(axis=1)
-    return bool(((low < factor) & (factor < _INCONCLUSIVE[1])).any())
+    if ((low < factor) & (factor < _INCONCLUSIVE[1])).any():
+        return True
+    return compared is not None and any(
+        may_split(compared[:, k], scene.bodies[k].model.bounding_radius)
+        for k in np.flatnonzero(evidence.touches).tolist()
+    )
 
 
 def _may_have_wrapped(evidence):
