@@ -309,23 +309,22 @@ def _face_contact(a, b, n, c, r, e, s, gap, R_ij, t, u, w, o, kept, world):
             v = rotate(R_ij, faces.normal[f, 0], faces.normal[f, 1], faces.normal[f, 2])
             along = dot(v, apart)
             height = along - r - s
-            opposed = faces.corners[f] > 0 and _touches_opposite(a, v, faces)
             near = faces.corners[f] > 0 or along * along > least
             if height > best and near and dot(v, n) > _OVER:
                 back = rotate_back(R_ij, c[0] - t[0], c[1] - t[1], c[2] - t[2])
                 if over_face(f, back, centers, faces):
-                    best, m, center, slides = height, v, c, opposed
+                    best, m, center = height, v, c
+                    slides = faces.corners[f] > 0 and _touches_opposite(a, v, faces)
         f = faces.of_sphere[a, k]
         if f >= 0:
             v = (-faces.normal[f, 0], -faces.normal[f, 1], -faces.normal[f, 2])
             along = dot(v, apart)
             height = along - r - s
-            opposed = faces.corners[f] > 0 and _touches_opposite(
-                b, rotate_back(R_ij, -v[0], -v[1], -v[2]), faces
-            )
             near = faces.corners[f] > 0 or along * along > least
             if height > best and near and dot(v, n) > _OVER and over_face(f, p, centers, faces):
-                best, m, center, slides = height, v, plus(p, times(s + height + r, v)), opposed
+                best, m, center = height, v, plus(p, times(s + height + r, v))
+                back = rotate_back(R_ij, -v[0], -v[1], -v[2])
+                slides = faces.corners[f] > 0 and _touches_opposite(b, back, faces)
     if best + kept < gap - (_SLIDING if slides else _HOLLOW):
         m, center = n, c
     else:
