@@ -329,14 +329,14 @@ def test_a_stack_that_the_solver_finds_forces_for_is_fine(name):
     )
 
 
-@pytest.mark.parametrize("top", [100.0, 1000.0])
+@pytest.mark.parametrize("top", [1e3, 1e5])
 def test_a_stack_is_flagged_where_the_solver_lets_it_fall(top):
-    """Friction holds each of these stacks. Under 100 kg it stands, under 1000 kg 200 sweeps are too few."""
+    """Friction holds each of these stacks. Under 1 t it stands, under 100 t the sweeps are too few."""
     scene, belief = stack(1.0, 1.0, 1.0, 1.0, 1.0, top)
-    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=8), 0.5)
+    prediction = predict(scene, belief, make_propagator("monte_carlo", samples=2), 0.5)
     stands = np.abs(prediction.belief.mean - belief.mean)[:, :3].max() < 1e-3
     flagged = [bool(status.flags & Status.NOT_CONVERGED) for status in assess(prediction)]
-    assert stands == (top <= 100.0)
+    assert stands == (top <= 1e3)
     assert not any(flagged) if stands else all(flagged)
     assert stands or all("smaller dt" in status.message for status in assess(prediction))
 

@@ -80,6 +80,8 @@ from .impact_time import impact_speed
 #: The tight _STILL holds light bodies under heavy ones still; fast contacts need less accuracy.
 TOLERANCE, _STILL, _MOVING = 1e-3, 2e-4, 1e-3
 _PLAIN_SWEEPS, _SWEEPS = 4, 200
+#: Among few contacts sweeps are cheap, and light bodies under heavy ones need more of them.
+_FEW, _SWEEPS_OF_FEW = 64, 2000
 #: Sweeps after which the velocity tolerance grows in proportion to their number. Resting contacts converge in
 #: a few sweeps; only moving ones need many.
 _PATIENCE = 20.0
@@ -235,7 +237,8 @@ def solve(m, law, count, still, work):
     least = math.inf
     end, apart, torsional = np.uint64(m), np.uint64(max(m // _APART, 1)), len(torsion_rows) > 0
     allowed, visit_all = int(_SLOW_SHARE * m), False
-    for sweep in range(_SWEEPS):
+    sweeps = _SWEEPS if m > _FEW else _SWEEPS_OF_FEW
+    for sweep in range(sweeps):
         if sweep == _PLAIN_SWEEPS:
             _copy_all(m, own, previous, members, count, v, before)
         goal, most, missed = still * max(1.0, sweep / _PATIENCE), TOLERANCE * load, 0
@@ -272,7 +275,7 @@ def solve(m, law, count, still, work):
         if square < least:
             least, found = square, jump
             _copy_impulses(m, own, best)
-        elif square > _DIVERGED * least or sweep == _SWEEPS - 1:  # back to the best so far
+        elif square > _DIVERGED * least or sweep == sweeps - 1:  # back to the best so far
             _change_impulses(rows, torsion_rows, ids, m, own, best, v)
             _copy_all(m, own, previous, members, count, v, before)
             last = 0.0
