@@ -118,7 +118,7 @@ def test_a_ranking_that_is_ended_holds_what_was_ranked(monkeypatch):
     settings, library = Settings(zero_covariance="exact"), ModelLibrary()
     server = SimpleNamespace(
         settings=settings,
-        read=lambda request, **how: read_request(request, settings, library, Frames(), **how),
+        read=lambda request, fields=None: read_request(request, settings, library, Frames(), fields=fields),
         diagnostics=SimpleNamespace(predicted=lambda prediction: None),
         errors_into=lambda result: contextlib.nullcontext(),
         check_open=lambda: None,

@@ -7,13 +7,14 @@ from in_process import FRAMES
 from scenes import good_request
 
 from unc_physics.propagators.auto import FIRST_RUNS, Auto
-from unc_physics.ros.messages.request import read_request
+from unc_physics.ros.messages.request import TimeLimits, read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 
 
 def job_of(of_node, **goals):
-    return read_request(good_request(**goals), Settings(), ModelLibrary(), FRAMES, time_budget=of_node)
+    limits = TimeLimits(budget=of_node)
+    return read_request(good_request(**goals), Settings(), ModelLibrary(), FRAMES, limits=limits)
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ from ..propagators.names import REFERENCE
 from .messages.fields import duration, write_error
 from .messages.prediction import write_answer
 from .messages.ranking import read_score, write_ranked_action
-from .messages.request import Job
+from .messages.request import Job, TimeLimits
 from .messages.scene import FieldNames
 from .services import BackgroundService
 
@@ -52,7 +52,8 @@ class CandidatesService:
             _check(request, server.settings)
             if request.score:
                 request.request = _with_reference(request.request)
-            base = server.read(request.request, time_limit=server.settings.max_computation_time)
+            limits = TimeLimits(server.settings.max_computation_time)
+            base = server.read(request.request, limits=limits)
             size, limit = base.answer_bytes() * len(request.candidates), server.settings.max_response_bytes
             if size > limit:
                 raise LimitExceededError(
@@ -151,7 +152,7 @@ class RequestedCandidates:
             time_limit = max(started + time_limit - time.perf_counter(), 1e-3)
         with self._server.errors_into(entry.result):
             own, fields = self._own_request(k)
-            self._server.answer(entry, own, time_limit=time_limit, fields=fields)
+            self._server.answer(entry, own, limits=TimeLimits(time_limit), fields=fields)
 
     def _own_request(self, k):
         """Return the request of candidate k, and the names of its objects and actions in error messages."""

@@ -26,6 +26,7 @@ from unc_physics_msgs.action import PredictLong
 
 from ..checks.errors import CanceledError, ErrorCode, LimitExceededError
 from .messages.fields import duration
+from .messages.request import TimeLimits
 
 _FEEDBACK_PERIOD = 0.1  # s
 _CLIENTS_PERIOD = 1.0  # s, between checks whether a goal's client is still there
@@ -75,7 +76,7 @@ class LongPrediction:
                         result,
                         goal.request.request,
                         progress=_Reporter(goal, participant, self._clients, process),
-                        time_limit=self._server.settings.max_long_computation_time,
+                        limits=TimeLimits(self._server.settings.max_long_computation_time),
                     )
                 if afterwards is not None:
                     afterwards()

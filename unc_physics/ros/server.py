@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from unc_physics_msgs.msg import Prediction as PredictionMessage
-from unc_physics_msgs.msg import Result
+from unc_physics_msgs.msg import PredictionRequest, Result
 from unc_physics_msgs.srv import ListModels, Predict
 
 from ..checks.errors import CanceledError, ErrorCode, NotReadyError, UncPhysicsError
@@ -33,7 +33,8 @@ from .messages.fields import write_error
 from .messages.frames import Frames
 from .messages.prediction import write_answer
 from .messages.query import RequestedOutputs
-from .messages.request import Job, as_sent, read_request
+from .messages.request import UNLIMITED, Job, TimeLimits, as_sent, read_request
+from .messages.scene import FieldNames
 from .models import ModelLibrary, ModelTopics
 from .parameters import ParameterServer
 from .services import CapabilitiesService, DeferredAnswerCheck, prediction_service
@@ -175,21 +176,31 @@ class PredictionServer:
         if self.ending is not None:
             raise CanceledError(self.ending, field="the node")
 
-    def read(self, request, **how) -> Job:
-        """Read and check a request.
+    def read(
+        self, request: PredictionRequest, *, limits: TimeLimits = UNLIMITED, fields: FieldNames | None = None
+    ) -> Job:
+        """Read and check a request in the node's environment.
 
         Parameters
         ----------
         request : PredictionRequest
-        **how
-            Limits and names, as for `read_request`.
+        limits : TimeLimits, optional
+        fields : FieldNames, optional
+            As for `read_request`.
 
         Raises
         ------
         UncPhysicsError
         """
-        complete = self.environment.complete
-        return read_request(request, self.settings, self.library, self.frames, complete=complete, **how)
+        return read_request(
+            request,
+            self.settings,
+            self.library,
+            self.frames,
+            limits=limits,
+            fields=fields,
+            complete=self.environment.complete,
+        )
 
     def predict(self, job: Job, progress=None) -> Prediction:
         """Run a job until it is done or `close` ends it.
@@ -221,7 +232,15 @@ class PredictionServer:
         self.diagnostics.predicted(prediction)
         return prediction
 
-    def answer(self, message, request, *, progress=None, **how) -> Callable[[], None] | None:
+    def answer(
+        self,
+        message,
+        request: PredictionRequest,
+        *,
+        progress=None,
+        limits: TimeLimits = UNLIMITED,
+        fields: FieldNames | None = None,
+    ) -> Callable[[], None] | None:
         """Predict and write the answer or the error into ``message``; never raises.
 
         Returns a function that publishes the markers, to be called after the answer is sent.
@@ -233,14 +252,15 @@ class PredictionServer:
         request : PredictionRequest
         progress : callable, optional
             As for `predict`.
-        **how
+        limits : TimeLimits, optional
+        fields : FieldNames, optional
             As for `read`.
         """
         with self.errors_into(message.result):
             settings, header = self.settings, request.scene.header
             try:
                 with refused_compilation(not request.wait_for_compilation):
-                    job = self.read(request, **how)
+                    job = self.read(request, limits=limits, fields=fields)
                     try:
                         write_answer(message.prediction, header, settings, job, self.predict(job, progress))
                         return functools.partial(self.markers.publish, header, job, message.prediction)
@@ -272,7 +292,7 @@ class PredictionServer:
             began, message = time.perf_counter(), Predict.Response()
             self.log.info(f"compiling for a request: kernel '{kernel}' and what else it needs")
             try:
-                self.answer(message, request, time_limit=_COMPILED_ANSWER)
+                self.answer(message, request, limits=TimeLimits(_COMPILED_ANSWER))
             finally:
                 with self._lock:
                     self._compiling.discard(kernel)

@@ -27,6 +27,7 @@ from ..propagators.registry import PROPAGATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from .messages.fields import duration, write_error
 from .messages.physics import physics_message
+from .messages.request import TimeLimits
 
 _DISCOVERY_PERIOD = 0.02  # s, between checks whether a service is discovered
 #: Quality of service of latched topics.
@@ -209,12 +210,8 @@ def prediction_service(server) -> BackgroundService:
 
     def answer(request, response):
         settings = server.settings
-        return server.answer(
-            response,
-            request.request,
-            time_limit=settings.max_computation_time,
-            time_budget=settings.default_time_budget,
-        )
+        limits = TimeLimits(settings.max_computation_time, settings.default_time_budget)
+        return server.answer(response, request.request, limits=limits)
 
     return BackgroundService(server, Predict, "~/predict", answer)
 

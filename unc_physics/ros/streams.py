@@ -19,6 +19,7 @@ from .diagnostics import ThrottledWarnings
 from .markers import MarkerTopic, OccupancyTopics
 from .messages.fields import duration, seconds
 from .messages.prediction import write_answer
+from .messages.request import TimeLimits
 from .messages.scene import AllSkippedError
 from .parameters import Settings
 from .scene_topics import OVERRIDABLE, SceneTopics, prepared, stamp_age, stamp_problem
@@ -127,7 +128,7 @@ class Stream:
         allowed, age = settings.max_computation_time, stamp_age(server.node, scene.header.stamp)
         if age is not None:  # its horizon must not pass meanwhile
             allowed = min(allowed, max(settings.horizons) - age)
-        job = server.read(request_of(scene, settings), time_limit=max(allowed, _SHORTEST))
+        job = server.read(request_of(scene, settings), limits=TimeLimits(max(allowed, _SHORTEST)))
         return replace(
             job,
             times=sorted(set(settings.horizons))[:-1],

@@ -7,6 +7,7 @@ import re
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
@@ -61,6 +62,24 @@ _TARGETS = {
 # how far a budget of time may be exceeded: as a share of it, and in any case [s]
 _OVER_BUDGET, _OVER_ANY_BUDGET = 0.05, 0.025
 _SEED_BITS = 53  # largest integers that JavaScript and MATLAB clients represent exactly
+
+
+class TimeLimits(NamedTuple):
+    """Limits that the node sets for the computation of a request.
+
+    Attributes
+    ----------
+    limit : float or None
+        Longest wall time, even if the request allows more [s].
+    budget : float
+        Time after which an anytime method adds no more rollouts, if the request sets no goals [s]; 0 for any.
+    """
+
+    limit: float | None = None
+    budget: float = 0.0
+
+
+UNLIMITED = TimeLimits()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -173,8 +192,7 @@ def read_request(
     library,
     frames: Frames,
     *,
-    time_limit: float | None = None,
-    time_budget: float = 0.0,
+    limits: TimeLimits = UNLIMITED,
     fields: FieldNames | None = None,
     complete: Callable[[SceneMessage], SceneMessage] = lambda scene: scene,
 ) -> Job:
@@ -186,10 +204,7 @@ def read_request(
     settings : Settings
     library : ModelLibrary
     frames : Frames
-    time_limit : float, optional
-        Longest wall time, even if the request allows more [s].
-    time_budget : float
-        Time after which an anytime method adds no more rollouts, if the request sets no goals [s]; 0 for any.
+    limits : TimeLimits, optional
     fields : FieldNames, optional
         Names in error messages; by default ``scene.objects[0]``, ``actions[0]`` and so on.
     complete : callable
@@ -213,7 +228,7 @@ def read_request(
     seed = request.seed or (None if "seed" in options else 1 + secrets.randbelow(2**_SEED_BITS - 1))
     propagator = _propagator(name, options, request.samples, seed, settings)
     asked_time = getattr(propagator, "time", 0.0)
-    propagator = _within(propagator, 0.0 if options else time_budget)
+    propagator = _within(propagator, 0.0 if options else limits.budget)
     # other methods treat bodies separately, and an anytime method adds rollouts for all bodies
     divisible = isinstance(propagator, Islands) and not isinstance(propagator, Anytime)
     islands = settings.islands and propagator.traits.cross_body and divisible
@@ -237,7 +252,7 @@ def read_request(
         horizon=horizon,
         seed=getattr(propagator, "seed", seed or 0),
         times=read_times(request, horizon, read.scene, settings),
-        max_computation_time=_computation_time(request.max_computation_time, time_limit, asked_time),
+        max_computation_time=_computation_time(request.max_computation_time, limits.limit, asked_time),
         regions=limited_regions(regions, settings),
         return_samples=request.return_samples,
         outputs=RequestedOutputs.read(request),
