@@ -12,6 +12,7 @@ import numba
 import pytest
 import rclpy
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
 from lifecycle_msgs.srv import GetState
 from rclpy.duration import Duration
@@ -35,7 +36,7 @@ from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.dynamics import rollout
-from unc_physics.ros import UncPhysicsNode, server
+from unc_physics.ros import server
 from unc_physics_msgs.msg import Prediction, Scene
 from unc_physics_msgs.srv import Predict
 
@@ -248,19 +249,30 @@ def test_a_scene_ahead_of_its_transform_waits_and_holds_up_nobody():
             assert error.error_code == ErrorCode.UNKNOWN_FRAME and "within 3 s" in error.error_msg
 
 
-def test_it_goes_with_an_updater_of_the_user_s(client):
+def test_the_status_of_a_users_updater_is_published_beside_the_nodes(client):
+    """It declares parameters on the node, and outlives services that end and begin."""
     updater = pytest.importorskip("diagnostic_updater", reason="diagnostic_updater is not on PyPI")
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    node = UncPhysicsNode(context=context, parameter_overrides=[Parameter("warm_up", value=[""])])
-    own = updater.Updater(node)
-    own.setHardwareID("arm")
-    node.server.prepare()
-    for _ in range(2):
-        node.server.open()
-        node.server.close()
-    node.destroy_node()
-    context.try_shutdown()
+
+    def motor(status):
+        status.summary(DiagnosticStatus.OK, "turning")
+        status.add("speed", "3")
+        return status
+
+    with (
+        Inbox(client, DiagnosticArray, "/diagnostics") as inbox,
+        node_in_this_process("watched", warm_up=[""]) as node,
+    ):
+        own = updater.Updater(node, 0.1)
+        own.setHardwareID("arm")
+        own.add("motor", motor)
+        for _ in range(2):
+            node.server.close()
+            node.server.open()
+        status, _ = inbox.status("watched: motor", lambda values: "speed" in values)
+        assert (status.hardware_id, status.message) == ("arm", "turning")
+        status, _ = inbox.status("watched: predictions")
+        assert (status.hardware_id, status.message) == ("none", "predicting")
+        assert_answered(client.predict(good_request(), node="watched"))
 
 
 @pytest.mark.parametrize(
