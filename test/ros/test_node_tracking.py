@@ -14,10 +14,11 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Transform
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.qos import qos_profile_sensor_data
 from running import READY_TIMEOUT, Client, Inbox, NodeProcess, wait_until
 from scenes import position_of
+from shape_msgs.msg import Plane
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
 from unc_physics import BoxRegion as BoxRegionOfCore
@@ -26,8 +27,17 @@ from unc_physics.checks.errors import ErrorCode, InvalidRequestError
 from unc_physics.ros import Client as PythonClient
 from unc_physics.ros.messages.fields import duration, seconds
 from unc_physics.ros.messages.tracking import nanoseconds
-from unc_physics_msgs.msg import Action, ActionArray, BoxRegion, ObjectState, Prediction, TrackedObjects
-from unc_physics_msgs.srv import Fork, Reset
+from unc_physics_msgs.msg import (
+    Action,
+    ActionArray,
+    BoxRegion,
+    Environment,
+    EnvironmentElement,
+    ObjectState,
+    Prediction,
+    TrackedObjects,
+)
+from unc_physics_msgs.srv import Fork, Reset, SetEnvironment
 
 ROOT = Path(__file__).resolve().parents[2]
 G, PERIOD, STD, TURN_STD = 9.81, 1.0 / 30.0, 0.002, 0.02
@@ -260,7 +270,7 @@ def test_detections_are_tracked(camera, listener):
 
 
 def set_parameter(listener, name, value):
-    kind = "string" if isinstance(value, str) else "double"
+    kind = {str: "string", int: "integer", float: "double"}[type(value)]
     message = ParameterValue(
         type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"), **{f"{kind}_value": value}
     )
@@ -482,6 +492,27 @@ def test_the_start_warns_about_what_cannot_be_tracked(node):
     assert "'mug'" not in before
     has_detections = importlib.util.find_spec("vision_msgs") is not None
     assert ("vision_msgs is not installed" in before) is not has_detections
+
+
+def test_an_object_that_becomes_invalid_is_dropped_with_its_reason(camera, listener):
+    """The box has too many spheres when another environment needs another tracker."""
+    stand(camera)
+    camera.see(6 * PERIOD, "left/1", (1.0, 0.0, 0.0))
+    floor = EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
+    before = listener.call(
+        GetParameters, "/tracker/get_parameters", GetParameters.Request(names=["max_spheres"])
+    )
+    set_parameter(listener, "max_spheres", 850)
+    try:
+        request = SetEnvironment.Request(environment=Environment(elements=[floor]))
+        assert not listener.call(SetEnvironment, "/tracker/set_environment", request).result.error_code
+        message = camera.see(7 * PERIOD, "left/1", (1.0, 0.0, 0.0))
+        (skipped,) = message.skipped
+        assert skipped.key == "box" and "at most 850" in skipped.value
+        assert [own.id for own in message.objects] == ["left/1"]
+        assert not camera.see(8 * PERIOD, "left/1", (1.0, 0.0, 0.0)).skipped
+    finally:
+        set_parameter(listener, "max_spheres", before.values[0].integer_value)
 
 
 def test_diagnostics_count_observations(camera, listener):

@@ -1,6 +1,7 @@
 """The node's tracked objects without DDS: births, association, forgetting, and changes of the environment."""
 
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,11 +22,20 @@ from unc_physics.ros.tracks import Tracks
 from unc_physics_msgs.msg import EnvironmentElement, TrackedObject
 
 STD, START = 0.002, 1_000_000_000_000  # m, ns
+FEW = 1000  # spheres, of which a can has fewer and a brick more
 SETTINGS = Settings(track=True, tracking_members=16, exact=True, forget_after=5.0)
 
 
 def floor(offset=0.0):
     return [EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, offset]))]
+
+
+def block_at(name, x):
+    """The first shape of an object of a planning scene."""
+    block = EnvironmentElement(id=f"{name}/0")
+    block.primitive = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.1, 0.1, 0.2])
+    block.pose.position.x, block.pose.position.z = x, 0.1
+    return block
 
 
 @pytest.fixture
@@ -42,15 +52,15 @@ class Scenery:
     def __init__(self, tracks, environment, library):
         self.tracks, self.environment, self.library = tracks, environment, library
 
-    def see(self, t, *places, named=False, settings=SETTINGS, yaw=0.0):
-        """Observe cans, at positions and an angle, after a time; with an id if ``named``."""
+    def see(self, t, *places, named=False, settings=SETTINGS, yaw=0.0, models=None):
+        """Observe cans or others, at positions and an angle, after a time; with an id if ``named``."""
         seen = []
-        for k, place in enumerate(places):
+        for k, (place, model) in enumerate(zip(places, models or ["can"] * len(places), strict=False)):
             pose = PoseWithCovariance()
             pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = map(float, place)
             pose.pose.orientation.z, pose.pose.orientation.w = float(np.sin(yaw / 2)), float(np.cos(yaw / 2))
             pose.covariance = np.diag([STD**2] * 3 + [0.02**2] * 3).ravel()
-            seen.append(detected_object(f"can {k}", "can", pose, self.library, 1.0))
+            seen.append(detected_object(f"{model} {k}", model, pose, self.library, 1.0))
         ids = {own.id for own in seen} if named else ()
         return self.tracks.observe(self.stamp(t), seen, ids, settings)
 
@@ -196,10 +206,7 @@ def test_a_floor_that_vanishes_lets_objects_fall(tracks):
 
 
 def test_an_obstacle_that_becomes_an_object_is_no_obstacle(tracks):
-    block = EnvironmentElement(id="can 1/0")  # as a planning scene names the first shape of an object
-    block.primitive = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.1, 0.1, 0.2])
-    block.pose.position.x, block.pose.position.z = 1.0, 0.1
-    tracks.environment.set([*floor(), block])
+    tracks.environment.set([*floor(), block_at("can 1", 1.0)])
     tracks.see(0.0, (0, 0, 0), named=True)
     assert tracks.see(0.1, (0, 0, 0), (1, 0, 0), named=True).births == 1
     places = {name: (own.pose.pose.position.x, height(own)) for name, own in tracks.known().items()}
@@ -207,6 +214,42 @@ def test_an_obstacle_that_becomes_an_object_is_no_obstacle(tracks):
     assert places["can 1"] == pytest.approx((1.0, 0.0), abs=0.02)
     fork = tracks.tracks.fork()
     assert [element.name for element in fork.scene.environment] == ["floor"]
+
+
+def test_objects_that_are_new_at_the_same_time_are_all_tracked(tracks):
+    """The last one is in the planning scene, too, so that another tracker begins with it."""
+    tracks.environment.set([*floor(), block_at("can 2", 2.0)])
+    tracks.see(0.0, (0, 0, 0), named=True)
+    places = (0, 0, 0), (1, 0, 0), (2, 0, 0)
+    assert tracks.see(0.1, *places, named=True).births == 2
+    assert list(tracks.known()) == tracks.tracks.names == ["can 0", "can 1", "can 2"]
+    assert tracks.see(0.2, *places, named=True).accepted == 3
+
+
+def test_an_object_that_a_new_environment_makes_invalid_is_dropped(tracks):
+    both, models = ((0, 0, 0), (1, 0, 0)), ("can", "brick")
+    assert tracks.see(0.0, *both, models=models, named=True).births == 2
+    assert tracks.tracks.take_dropped() == {}
+    tracks.environment.set(floor(offset=0.01))
+    fewer = replace(SETTINGS, max_spheres=FEW)
+    outcome = tracks.see(0.1, both[0], named=True, settings=fewer)
+    assert outcome.accepted == 1 and not outcome.skipped
+    assert list(tracks.known()) == tracks.tracks.names == ["can 0"]
+    dropped = tracks.tracks.take_dropped()
+    assert list(dropped) == ["brick 1"] and f"at most {FEW}" in dropped["brick 1"]
+    assert tracks.tracks.take_dropped() == {}
+    outcome = tracks.see(0.2, *both, models=models, named=True)
+    assert (outcome.accepted, outcome.births) == (2, 1)
+
+
+def test_without_valid_objects_nothing_is_tracked_until_a_new_one(tracks):
+    tracks.see(0.0, (0, 0, 0), models=["brick"], named=True)
+    tracks.environment.set(floor(offset=0.01))
+    tracks.tracks.advance(tracks.stamp(0.5), replace(SETTINGS, max_spheres=FEW))
+    assert not tracks.known() and not tracks.tracks.names
+    assert list(tracks.tracks.take_dropped()) == ["brick 0"]
+    assert tracks.see(0.6, (0, 0, 0), named=True).births == 1
+    assert list(tracks.known()) == ["can 0"]
 
 
 def test_after_a_long_gap_objects_begin_anew(tracks):

@@ -298,7 +298,10 @@ class Tracking:
     def _publish(self):
         """Publish the newest belief, and have it predicted."""
         with self._lock:
-            present, skipped, self._skipped = self._tracks.fork(), self._skipped, {}
+            dropped = self._tracks.take_dropped()
+            present, skipped, self._skipped = self._tracks.fork(), self._skipped | dropped, {}
+        for name, reason in dropped.items():
+            self._warn("dropped objects", f"tracked object '{name}' was dropped: {reason}")
         present.arrive()
         with self._lock:
             self._tracks.keep(present)

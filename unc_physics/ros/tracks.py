@@ -122,6 +122,7 @@ class Tracks:
         self._memory = ObservationMemory(self._library)
         self._numbers: dict[str, int] = {}  # of objects without an id, by model
         self._surroundings: tuple[int, Environment] = -1, Environment()
+        self._dropped: dict[str, str] = {}  # reasons, by id
 
     def _change(self):
         self._ahead: Any = None  # fork of the tracker at the time of the newest belief, until a change
@@ -136,6 +137,14 @@ class Tracks:
     def names(self) -> list[str]:
         """Ids of the tracked objects."""
         return list(self._states)
+
+    def take_dropped(self) -> dict[str, str]:
+        """Return the reasons of objects that were dropped since the last call, by id.
+
+        An object is dropped if it is invalid when a new environment, or a new object, needs another tracker.
+        """
+        dropped, self._dropped = self._dropped, {}
+        return dropped
 
     # -- input -------------------------------------------------------------------------------------
 
@@ -182,6 +191,7 @@ class Tracks:
         self._change()
         seen, born = self._associated(stamp, new, named, settings, outcome.skipped)
         seen |= self._added(stamp, born, settings, outcome)
+        seen = {name: measurement for name, measurement in seen.items() if name in self._states}
         if seen:
             tracker: Any = self._tracker  # which new objects may have begun
             report = tracker.correct(self._time(stamp), seen)
@@ -205,6 +215,8 @@ class Tracks:
         if self._tracker is None or stamp <= self._stamp:
             return
         self._follow_environment(settings)
+        if self._tracker is None:
+            return
         self._stamp = stamp
         begin = self._time(stamp) - settings.tracking_window
         if begin > self._tracker.time:
@@ -276,7 +288,7 @@ class Tracks:
         other = copy.copy(self)
         for name in ("_states", "_models", "_robots", "_seen", "_numbers"):
             setattr(other, name, dict(getattr(self, name)))
-        other._memory, other._ahead = ObservationMemory(self._library), None
+        other._memory, other._ahead, other._dropped = ObservationMemory(self._library), None, {}
         newest = self._tracker if self._ahead is None else self._ahead
         if newest is not None:
             other._tracker = newest.fork()
@@ -472,18 +484,25 @@ class Tracks:
             return {}
         if self._tracker is None:
             added = self._build(stamp, list(states.values()), settings, outcome.skipped)
+            self._register(states, added)
         elif self._time(stamp) < self._tracker.time:
             for name in states:
                 outcome.skipped[name] = "is new, and was observed before the newest observation of the others"
             return {}
         else:
             self._tracker.predict(self._time(stamp))
-            added = [name for name, state in states.items() if self._add(state, settings, outcome.skipped)]
+            for name, state in states.items():  # another tracker for one has those before it, too
+                if self._add(stamp, state, settings, outcome.skipped):
+                    self._register(states, [name])
+            added = [name for name in states if name in self._states]
         for name in added:
-            self._states[name], self._models[name] = states[name], states[name].model
             self._seen[name] = ObservationRecord(stamp)
         outcome.births += len(added)
         return {name: born[name][1] for name in added}
+
+    def _register(self, states, names):
+        for name in names:
+            self._states[name], self._models[name] = states[name], states[name].model
 
     def _resolved(self, state, settings):
         """Return an object with the number of spheres that it would have among other objects."""
@@ -495,8 +514,10 @@ class Tracks:
         state.spheres = len(shape)
         return state
 
-    def _add(self, state, settings, skipped):
-        """Add an object at the tracker's time; return whether it is valid."""
+    def _add(self, stamp, state, settings, skipped):
+        """Add an object at the tracker's time, which is a stamp [ns]; return whether it is valid."""
+        if self._tracker is None:  # all objects were dropped
+            return bool(self._build(stamp, [state], settings, skipped))
         read = self._read([state], settings, skipped)
         if read is None:
             return False
@@ -509,13 +530,12 @@ class Tracks:
             covariance=read.belief.blocks[0],
         )
         if state.id in objects_of(self._surroundings[1]):  # a planning scene has the object, too
-            self._rebuild(settings, state)
-            return True
+            return self._rebuild(settings, state)
         try:
             symmetry = _symmetry(self._models[state.id], settings)
             self._tracker.add(read.scene.bodies[0], belief, symmetry)
         except NotSupportedError:  # it has uncertain parameters
-            self._rebuild(settings, state)
+            return self._rebuild(settings, state)
         return True
 
     def _read(self, states, settings, skipped):
@@ -579,7 +599,8 @@ class Tracks:
     def _rebuild(self, settings, *new):
         """Begin a tracker with the belief of the present one, in the node's present environment.
 
-        ``new`` are objects that it does not have yet.
+        Objects that are invalid there are dropped (`take_dropped`). ``new`` are objects that the present
+        tracker does not have yet; return whether all of them are valid.
         """
         old, scene, newest = self._tracker.belief(), self._tracker.scene, self._stamp
         rows = {scene.bodies[b].name: k for k, b in enumerate(old.moving.tolist())}
@@ -593,9 +614,16 @@ class Tracks:
             joint[np.ix_(here, here)] = old.joint[np.ix_(there, there)]
             return Belief.trusted(mean, joint, belief.moving)
 
-        stamp = self._epoch + round(1e9 * self._tracker.time)
-        self._build(stamp, [*self._states.values(), *new], settings, {}, known_of)
+        stamp, invalid = self._epoch + round(1e9 * self._tracker.time), {}
+        if not self._build(stamp, [*self._states.values(), *new], settings, invalid, known_of):
+            self._tracker = None
+            self._change()
+        for name in invalid:
+            self._states.pop(name, None)
+            self._seen.pop(name, None)
+        self._dropped.update(invalid)
         self._stamp = newest
+        return not any(own.id in invalid for own in new)
 
     def _follow_environment(self, settings):
         """Begin a new tracker if the node's environment has changed."""
