@@ -135,7 +135,7 @@ def test_what_the_step_computes_together_is_one_island(gap, together):
     joint, divided = run_both(scene, belief, propagator, 0.2)
     assert_same(joint, divided)
     runner = IslandRunner(propagator, joint.scene, [whole(48, joint.scene.dt)])
-    end = runner.advance(runner.init(joint.scene, belief), joint.scene, 48)
+    end = runner.advance(runner.init(belief), 48)
     assert len(end.islands) == (1 if together else 2)
 
 

@@ -64,7 +64,7 @@ def by_islands(scene, belief, propagator, horizon=HORIZON):
     """The carry of islands at the end."""
     steps = round(horizon / scene.dt)
     islands = IslandRunner(propagator, scene, [whole(steps, scene.dt)])
-    return islands.advance(islands.init(scene, belief), scene, steps)
+    return islands.advance(islands.init(belief), steps)
 
 
 def test_islands_are_off_unless_asked_for():
@@ -123,7 +123,7 @@ def test_islands_merge_when_bodies_meet(name):
     scene, belief = crowd(spread=0.3)
     options = {"samples": 10} if "samples" in PROPAGATORS[name].options() else {}
     propagator = make_propagator(name, **options)
-    first = IslandRunner(propagator, scene, [whole(200, scene.dt)]).init(scene, belief)
+    first = IslandRunner(propagator, scene, [whole(200, scene.dt)]).init(belief)
     assert [island.bodies.tolist() for island in first.islands] == [[k] for k in (0, 1, 2, 3, 5, 6)]
     found = [island.bodies.tolist() for island in by_islands(scene, belief, propagator).islands]
     assert [[k for k in island if k != 4] for island in found] == [
@@ -139,7 +139,7 @@ def test_bodies_whose_beliefs_are_correlated_are_together():
     a, b = 12 * 2, 12 * 4  # alone's and visitor's positions
     P[a, b] = P[b, a] = 0.5 * P[a, a]
     joined = IslandRunner(make_propagator("surrogate"), scene, [whole(1, scene.dt)]).init(
-        scene, Belief(belief.mean, P, belief.moving)
+        Belief(belief.mean, P, belief.moving)
     )
     assert [island.bodies.tolist() for island in joined.islands] == [[0], [1], [2, 5], [3], [6]]
 

@@ -21,7 +21,7 @@ from ..scene.marks import Mark
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from .compute_budget import ComputeBudget
-from .driver import belief_at_start, simulate, snapshot
+from .driver import are_moved_at_start, simulate, snapshot
 from .prediction import Prediction
 from .sequential_halving import SequentialHalving
 
@@ -166,7 +166,7 @@ class CandidateRollouts:
             snapshots = tuple(
                 snapshot(own, scene, carry, mark) for carry, mark in zip(later, self._marks, strict=True)
             )
-        start = belief_at_start(own, scene, first, given)
+        start = own.belief(first, scene) if are_moved_at_start(scene, first) else given
         return Prediction(scene, own, snapshots, given, start, spent)
 
 

@@ -153,6 +153,27 @@ def run(
     return _Propagation(scene, given, propagator, marks, compute_budget, events).run(progress)
 
 
+class _JointRunner:
+    """Propagation of all bodies of a scene together, called as `IslandRunner`."""
+
+    def __init__(self, propagator: Any, scene: Scene, rollouts: tuple[int, int] | None = None):
+        self._propagator, self._scene, self._rollouts = propagator, scene, rollouts
+
+    def init(self, belief):
+        if self._rollouts is None:
+            return self._propagator.init(self._scene, belief)
+        return self._propagator.init_rollouts(self._scene, belief, *self._rollouts)
+
+    def advance_through(self, carry, marks):
+        return self._propagator.advance_through(carry, self._scene, marks)
+
+    def belief(self, carry):
+        return self._propagator.belief(carry, self._scene)
+
+    def whole(self, carry):
+        return carry
+
+
 class _Propagation:
     """Propagation of one belief to all marks; the parameters are those of `run`."""
 
@@ -179,16 +200,15 @@ class _Propagation:
 
     def run(self, progress):
         """Return the `PropagationResult`."""
-        scene = self._scene
+        scene, runner = self._scene, self._runner(self._marks)
         propagator: Any = self._propagator
-        runner = self._runner(self._marks)
         # snapshots of resampled rollouts share computations with the last one, so they are made at the end
         waits = isinstance(self._propagator, Samples) and self._propagator.resamples
         waiting: list[tuple[Mark, Any]] = []
         try:
             for mark, carry in simulate(
-                lambda: runner.init(scene, self._belief),
-                lambda carry, marks: runner.advance_through(carry, scene, marks),
+                partial(runner.init, self._belief),
+                runner.advance_through,
                 self._marks,
                 scene,
                 self._compute_budget,
@@ -197,9 +217,10 @@ class _Propagation:
                 if mark.time == 0.0:
                     self._first = carry
                 elif waits:
-                    waiting.append((mark, _of_all_bodies(runner, carry)))
+                    waiting.append((mark, runner.whole(carry)))
                 else:
-                    self._snapshots.append(snapshot(propagator, scene, carry, mark, runner))
+                    belief = runner.belief(carry)
+                    self._snapshots.append(snapshot(propagator, scene, runner.whole(carry), mark, belief))
         except DivergedError:
             raise
         except UncPhysicsError as error:
@@ -214,16 +235,16 @@ class _Propagation:
             snapshots=tuple(one if states is None else replace(one, wide=states) for one, states in pairs)
         )
 
-    def _runner(self, marks, *rollouts) -> Any:
-        """Return the propagator, or the runner of its islands."""
+    def _runner(self, marks, rollouts=None) -> IslandRunner | _JointRunner:
         if self._in_islands:
-            return IslandRunner(self._propagator, self._scene, marks, *rollouts)
-        return self._propagator
+            return IslandRunner(self._propagator, self._scene, marks, rollouts)
+        return _JointRunner(self._propagator, self._scene, rollouts)
 
     def _result(self, runner, waiting):
         """Return the `PropagationResult` with the snapshots of the carries that waited."""
         self._snapshots.extend(_snapshots_of(self._propagator, self._scene, waiting))
-        start = belief_at_start(runner, self._scene, self._first, self._initial)
+        moved = are_moved_at_start(self._scene, runner.whole(self._first))
+        start = runner.belief(self._first) if moved else self._initial
         return PropagationResult(self._initial, start, tuple(self._snapshots), self._points_history)
 
     def _with_additional_rollouts(self, waiting):
@@ -264,25 +285,15 @@ class _Propagation:
 
     def _additional_carries(self, marks, first, last):
         """Return the carries of rollouts ``first`` to ``last`` at each mark; None if time ran out."""
-        scene, compute_budget = self._scene, self._compute_budget
-        runner = self._runner(marks, (first, last))
-        if self._in_islands:
-            begin = partial(runner.init, scene, self._belief)
-        else:
-            begin = partial(runner.init_rollouts, scene, self._belief, first, last)
+        compute_budget, runner = self._compute_budget, self._runner(marks, (first, last))
+        begin = partial(runner.init, self._belief)
         try:
-            _, *additional = simulate(
-                begin,
-                lambda carry, marks: runner.advance_through(carry, scene, marks),
-                marks,
-                scene,
-                compute_budget,
-            )
+            _, *additional = simulate(begin, runner.advance_through, marks, self._scene, compute_budget)
         except PredictionTimeoutError:  # the complete rollouts are an answer
             if compute_budget.limit is not None:
                 compute_budget.limit.flag[0] = 0
             return None
-        return [_of_all_bodies(runner, carry) for _, carry in additional]
+        return [runner.whole(carry) for _, carry in additional]
 
     def _probability_errors(self, waiting):
         """Return half widths (T E,) of the intervals of events at all times, in standard deviations."""
@@ -330,14 +341,27 @@ def _unchanged(carry, later):
     )
 
 
-def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runner: Any = None) -> Snapshot:
-    """Return the snapshot of a carry at a mark; raises `DivergedError` if the belief is not finite.
+def snapshot(
+    propagator: Propagator, scene: Scene, carry: Any, mark: Mark, belief: Belief | None = None
+) -> Snapshot:
+    """Return the snapshot of a carry of all bodies at a mark.
 
-    ``runner`` made the carry: the `IslandRunner`, or by default the propagator.
+    Parameters
+    ----------
+    propagator : Propagator
+    scene : Scene
+    carry : NamedTuple
+    mark : Mark
+    belief : Belief, optional
+        Belief of the carry, by default from the propagator; islands combine theirs.
+
+    Raises
+    ------
+    DivergedError
+        If the belief is not finite.
     """
-    runner = propagator if runner is None else runner
     time = mark.time
-    belief = runner.belief(carry, scene)
+    belief = propagator.belief(carry, scene) if belief is None else belief
     mean = with_kinematic(scene, belief.mean, time)  # the paths of prescribed bodies
     if mean is not belief.mean:
         belief = Belief.trusted(mean, belief.covariance, belief.moving)
@@ -345,13 +369,11 @@ def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark, runne
         raise DivergedError(
             f"diverged within {time:.6g} s; a smaller dt or stiffness may help", field="prediction"
         )
-    whole = _of_all_bodies(runner, carry)
     draw = draw_rollouts = None
     if isinstance(propagator, Samples):
-        draw = partial(propagator.own_samples, whole, scene)
-        draw_rollouts = partial(propagator.rollout_states, whole, scene)
-    first = whole.contact_history.first_time
-    return Snapshot(time, belief, whole, draw, draw_rollouts, first)
+        draw = partial(propagator.own_samples, carry, scene)
+        draw_rollouts = partial(propagator.rollout_states, carry, scene)
+    return Snapshot(time, belief, carry, draw, draw_rollouts, carry.contact_history.first_time)
 
 
 def points_at_start(scene: Scene, belief: Belief) -> tuple[Belief, ContactHistory]:
@@ -361,16 +383,11 @@ def points_at_start(scene: Scene, belief: Belief) -> tuple[Belief, ContactHistor
     return points.belief(carry, scene), carry.contact_history
 
 
-def belief_at_start(runner: Any, scene: Scene, first: Any, initial: Belief) -> Belief:
-    """Return the belief of the carry ``first`` at time 0 if a body was moved, otherwise ``initial``."""
-    start = _of_all_bodies(runner, first).contact_history.start
+def are_moved_at_start(scene: Scene, first: Any) -> bool:
+    """Return whether bodies of the carry ``first`` at time 0 have other states than were given."""
+    start = first.contact_history.start
     moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
-    return runner.belief(first, scene) if moved or scene.overlap == "reject" else initial
-
-
-def _of_all_bodies(runner, carry):
-    """Return the propagator's carry of all bodies from a carry of its runner."""
-    return runner.whole(carry) if isinstance(runner, IslandRunner) else carry
+    return bool(moved or scene.overlap == "reject")
 
 
 def wide_states(scene: Scene, initial: Belief, marks: list[Mark], count: int) -> list[np.ndarray | None]:

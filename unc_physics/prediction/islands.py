@@ -14,7 +14,6 @@ Without slices, bounds would have to hold through seconds of collisions, and eve
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -22,7 +21,6 @@ import numpy as np
 
 from ..collision.contact_search import NEAR
 from ..collision.shapes import bounds
-from ..dynamics.world import Bodies
 from ..propagators.base import ClosedFormFlight, JointlySampledIslands, Samples
 from ..propagators.free_flight import Flight, course_of
 from ..propagators.joining import JointIsland, Part
@@ -75,7 +73,7 @@ class Bounds(NamedTuple):
 
 
 class IslandRunner:
-    """Propagator, for the driver, that propagates each island separately.
+    """Propagation of a scene's islands, each separately.
 
     Each of the scene's uncertain parameters belongs to one moving body (`Scene.shared_parameters` is false).
     Slices end at those of the ascending ``marks`` that are whole steps. ``rollouts`` limits the rollouts to a
@@ -105,9 +103,9 @@ class IslandRunner:
         self._parts = {}
         self._joined_last: Any = None, None  # a carry and its joint carry
 
-    def init(self, scene: Scene, belief: Belief) -> IslandsCarry:
+    def init(self, belief: Belief) -> IslandsCarry:
         """Return the islands at time 0; bodies that touch or have correlated beliefs share an island."""
-        moving = scene.moving
+        scene, moving = self._scene, self._scene.moving
         self._mean = belief.mean
         whole = None
         if self._samples_jointly:
@@ -146,7 +144,7 @@ class IslandRunner:
         pairs = _overlapping(belief.mean[:, POSITION] - half, belief.mean[:, POSITION] + half)
         return pairs[self._moving[pairs].any(axis=1)]
 
-    def advance(self, carry: IslandsCarry, scene: Scene, steps: int) -> IslandsCarry:
+    def advance(self, carry: IslandsCarry, steps: int) -> IslandsCarry:
         """Return the carry after some steps; the division of steps into calls does not matter."""
         target = carry.step + steps
         while carry.step < target:
@@ -162,11 +160,11 @@ class IslandRunner:
                 carry = self._close(carry)
         return carry
 
-    def advance_through(self, carry: IslandsCarry, scene: Scene, marks: Sequence[Mark]) -> list[IslandsCarry]:
+    def advance_through(self, carry: IslandsCarry, marks: Sequence[Mark]) -> list[IslandsCarry]:
         """Return the carry at each of several marks, ascending."""
         found = []
         for mark in marks:
-            carry = self.advance(carry, scene, mark.steps - carry.step)
+            carry = self.advance(carry, mark.steps - carry.step)
             found.append(self._finished(carry, mark))
         return found
 
@@ -176,7 +174,7 @@ class IslandRunner:
             return carry
         while carry.begin < carry.step:  # end the slice of the copy here, or begin it again
             carry = self._close(carry._replace(end=carry.step))
-            carry = self.advance(carry, self._scene, mark.steps - carry.step)
+            carry = self.advance(carry, mark.steps - carry.step)
         islands = self._plan(carry).islands
         part = mark.rest / self._scene.dt
         carries = tuple(
@@ -190,14 +188,14 @@ class IslandRunner:
         )
         return IslandsCarry(islands, carries, carry.step, carry.step, carry.step)
 
-    def belief(self, carry: IslandsCarry, scene: Scene) -> Belief:
+    def belief(self, carry: IslandsCarry) -> Belief:
         """Return the belief about all bodies: blocks, or the joint covariance with zeros between islands.
 
         A propagator that samples all bodies jointly computes it from all its samples, as without islands.
         """
         if self._samples_jointly:
-            return self._propagator.belief(self.whole(carry), scene)
-        moving, mean = scene.moving, self._mean.copy()
+            return self._propagator.belief(self.whole(carry), self._scene)
+        moving, mean = self._scene.moving, self._mean.copy()
         islands, carries = carry.islands, self._present(carry)
         beliefs = [
             self._propagator.belief(now, island.scene) for island, now in zip(islands, carries, strict=True)
@@ -247,13 +245,7 @@ class IslandRunner:
         """Return the cached scene of some bodies, which shares the sphere trees."""
         key = tuple(bodies.tolist())
         if key not in self._parts:
-            scene, world = self._scene, self._scene.world
-            part = dataclasses.replace(scene, bodies=[scene.bodies[k] for k in key], islands=False)
-            part.__dict__["world"] = world._replace(
-                bodies=Bodies(*(constant[bodies] for constant in world.bodies)),
-                implicit=None if world.implicit is None else world.implicit.of_bodies(bodies),
-            )
-            self._parts[key] = part
+            self._parts[key] = self._scene.of_bodies(key)
         return self._parts[key]
 
     def _parameters(self, bodies):

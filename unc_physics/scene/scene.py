@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -438,6 +438,16 @@ class Scene:
             dt=rest, start=steps * (self.dt - rest), decay=math.exp(-self.damping * rest)
         )
         return short
+
+    def of_bodies(self, bodies: Sequence[int]) -> Scene:
+        """Return the scene of some bodies, ascending, without islands; it shares the sphere trees."""
+        some, world = np.array(bodies, np.int64), self.world
+        part = replace(self, bodies=[self.bodies[k] for k in bodies], islands=False)
+        part.__dict__["world"] = world._replace(
+            bodies=Bodies(*(constant[some] for constant in world.bodies)),
+            implicit=None if world.implicit is None else world.implicit.of_bodies(some),
+        )
+        return part
 
     def stops(self, begin: int, marks: Sequence[Mark]) -> Stops:
         """Return the stops of rollouts that have done ``begin`` steps, at marks that are ascending."""
