@@ -78,6 +78,21 @@ def test_samples_too_few_to_tell_a_spread_are_not_fine():
         assert 0.0 < status.measures["few_samples"] <= 1.0
 
 
+def test_one_sample_of_a_scene_with_one_outcome_is_enough():
+    """Nothing is uncertain, so that the sample is the answer; with a law that draws it is none."""
+    exact = Scene.everyday([RigidBody("a", BALL, 1.0)], exact=True, environment=[Plane()])
+    belief = independent(state((0, 0, 0.2), velocity=(0.3, 0, 0)))
+    propagator = make_propagator("monte_carlo", samples=1)
+    for scene, sure in (
+        (exact, True),
+        (replace(exact, friction_std=0.1), False),
+        (replace(exact, impact_direction_std=0.03), False),
+    ):
+        (status,) = assess(predict(scene, belief, propagator, 0.4))
+        assert (status.flags == Status.FINE) == sure
+        assert ("few_samples" in status.measures) != sure
+
+
 def test_points_whose_mean_lies_inside_something_are_not_fine():
     """A ball that falls to either side of a wall's top is in the wall on average."""
     wall = Box((0.02, 1.0, 1.0), (0.0, 0.0, -0.5), name="wall")

@@ -459,8 +459,10 @@ def sink(evidence):
 
 @_measure(Status.OUTSIDE_VALIDITY, 0.3, "too few samples for a spread")
 def few_samples(evidence):
-    """Relative uncertainty of a spread that comes from the number of samples; 1 for a single sample."""
-    if not isinstance(evidence.propagator, Samples):
+    """Relative uncertainty of a spread that comes from the number of samples; 1 for a single sample. Not where
+    there is only one outcome.
+    """
+    if not isinstance(evidence.propagator, Samples) or evidence.start.deterministic:
         return None
     others = len(evidence.history.first_time) - 1
     return np.full(len(evidence.scene.bodies), min(1.0, 1.0 / math.sqrt(2.0 * max(others, 0.5))))

@@ -27,6 +27,7 @@ from ..spatial.layout import (
 from ..spatial.rotation import rotation_matrix
 from .conservation_checks import conserves_energy
 from .islands import merged
+from .probability import is_deterministic
 from .snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ class InitialDiagnostics(NamedTuple):
     directions: np.ndarray | None
     found: Any  # adjustments of points or samples at time 0; None for the explicit integrator
     kept_overlaps: np.ndarray  # (B, B + E): deepest overlap of each pair that could not be removed [m]
+    deterministic: bool  # whether there is only one outcome, which a single sample is
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +186,7 @@ def initial_diagnostics(prediction: Prediction) -> InitialDiagnostics:
         samples,
         propagator.directions(initial) if isinstance(propagator, PointPairs) else None,
         *_found(prediction),
+        is_deterministic(scene, prediction.initial),
     )
     energy, noise = kinetic_moments(scene, start, initial, 1)
     least, _ = kinetic_moments(scene, start, initial, 0)

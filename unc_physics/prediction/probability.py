@@ -81,6 +81,11 @@ def is_certain(scene: Scene, initial: Belief, snapshot: Snapshot) -> bool:
     states = snapshot.rollout_states
     if states is not None and len(states) > 1 and (states == states[0]).all():
         return True
+    return is_deterministic(scene, initial)
+
+
+def is_deterministic(scene: Scene, initial: Belief) -> bool:
+    """Return whether nothing is uncertain at the start, nor drawn later."""
     return not (initial.covariance.any() or scene.uncertain or scene.draws_impacts)
 
 
