@@ -111,7 +111,10 @@ def resolve_initial_overlap(
         return states, histories.fresh(len(states), scene.world)._replace(start=resolution.adjustment())
     drawn, states = states, states.copy()
     resolution = _Resolution(scene, belief, states)
-    sides = resolution.sides()
+    mean = resolution.of_mean()
+    if not resting.any() and mean.is_unchanged(states):  # a single nominal rollout, without overlap
+        return states, mean.history
+    sides = mean.sides()
     if scene.overlap != "keep":
         resolution.project(sides)
     if resting.any():
@@ -136,7 +139,7 @@ def move_out_of_overlap(
     held = np.ones(len(scene.bodies), bool)
     held[list(bodies)] = False
     resolution = _Resolution(scene, belief, states)
-    resolution.project(resolution.sides(), held)
+    resolution.project(resolution.of_mean().sides(), held)
     return states, resolution.kept
 
 
@@ -162,12 +165,19 @@ class _Resolution:
         self.project(np.zeros((*self.kept.shape[1:], 3)), look_only=True)
         return self.history.start
 
+    def of_mean(self) -> _Resolution:
+        """Return the resolution of the belief's mean, which is moved out of overlap."""
+        mean = _Resolution(self._scene, self._belief, self._belief.mean[None].copy(), self._metric)
+        mean.project(np.zeros((*self.kept.shape[1:], 3)))
+        return mean
+
     def sides(self) -> np.ndarray:
-        """Return on which side of each other bodies are in the mean without overlap (`sides_of`)."""
-        mean = self._belief.mean[None].copy()
-        of_mean = _Resolution(self._scene, self._belief, mean, self._metric)
-        of_mean.project(np.zeros((*self.kept.shape[1:], 3)))
-        return sides_of(mean[0], limited(self._scene.world))
+        """Return on which side of each other bodies are in the first state, without overlap (`sides_of`)."""
+        return sides_of(self._states[0], limited(self._scene.world))
+
+    def is_unchanged(self, states: np.ndarray) -> bool:
+        """Return whether ``states`` are these states, which have no overlap."""
+        return np.array_equal(states, self._states) and not self.history.start.overlap.any()
 
     def project(self, sides: np.ndarray, held: np.ndarray | None = None, look_only: bool = False) -> None:
         """Move the states to the nearest poses without overlap; bodies that are ``held`` (B,) do not move."""
