@@ -459,8 +459,8 @@ def sink(evidence):
 
 @_measure(Status.OUTSIDE_VALIDITY, 0.3, "too few samples for a spread")
 def few_samples(evidence):
-    """Relative uncertainty of a spread that comes from the number of samples; 1 for a single sample. Not where
-    there is only one outcome.
+    """Relative uncertainty of a spread that comes from the number of samples; 1 for a single sample. Not if
+    only one outcome is possible.
     """
     if not isinstance(evidence.propagator, Samples) or evidence.start.deterministic:
         return None
