@@ -18,7 +18,7 @@ from ..spatial.layout import ERR_ANGULAR_VELOCITY
 from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus
 from .compute_budget import ComputeBudget
-from .diagnostics import RULES, judged, measures_of, spread_factors
+from .diagnostics import RULES, judged, measures_of
 from .driver import run, wide_states
 from .evidence import Evidence, initial_diagnostics
 from .probability import is_certain
@@ -157,7 +157,7 @@ def needs_rollouts(evidence: Evidence) -> bool:
 
 def is_inconclusive(evidence: Evidence) -> bool:
     """Return whether a few rollouts leave open if predicted spreads are wrong, or if outcomes split."""
-    factors, scene, compared = spread_factors(evidence), evidence.scene, evidence.compared
+    factors, scene, compared = evidence.spread_factors, evidence.scene, evidence.compared
     if factors is None:
         return False
     low, since = _INCONCLUSIVE[0], evidence.uncertain_since

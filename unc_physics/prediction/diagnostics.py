@@ -23,13 +23,13 @@ from ..propagators.overlap_depths import overlaps
 from ..propagators.registry import names_where
 from ..scene.environment import thing_names
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, VELOCITY
-from ..spatial.moments import mean_and_errors, pose_spreads
+from ..spatial.moments import mean_and_errors
 from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
 from .evidence import Evidence, kinetic_moments, spread_floors
 from .notes import few_spheres
-from .rare_outcomes import MATTER, tail_factors
+from .rare_outcomes import MATTER
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
 _ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", " or ")
@@ -143,8 +143,8 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
 def _spreads_apart(evidence, body):
     """Return the quantity whose spread differs most from that of rollouts, and both spreads, as a text."""
     place = int(np.searchsorted(evidence.scene.moving, body))
-    own, other = pose_spreads(evidence.snapshot.belief.blocks)[place], evidence.spreads[place]
-    factors = spread_factors(evidence)
+    own, other = evidence.predicted_spreads[place], evidence.spreads[place]
+    factors = evidence.spread_factors
     assert factors is not None  # the rule had a value
     k = int(np.argmax(factors[body]))
     unit, floor = _UNITS[k], spread_floors(evidence.start, body)[k]
@@ -157,9 +157,7 @@ def _uneven_quantity(evidence, body):
 
 
 def _widened_quantity(evidence, body):
-    assert evidence.wide is not None
-    factors = tail_factors(evidence.scene, evidence.snapshot.belief, evidence.wide)[body]
-    return _QUANTITIES[int(np.argmax(factors))]
+    return _QUANTITIES[int(np.argmax(evidence.widening[body]))]
 
 
 def _mean_errors(evidence, body):
@@ -364,24 +362,8 @@ def spread_disagreement(evidence):
     """Factor between the predicted spread and that of a few rollouts, of position or rotation, whichever is
     larger. The rollouts start with the belief's mean and covariance, so it is 1 where all is linear.
     """
-    factors = spread_factors(evidence)
+    factors = evidence.spread_factors
     return None if factors is None else factors.max(axis=1)
-
-
-def spread_factors(evidence: Evidence) -> np.ndarray | None:
-    """Return factors between predicted and sampled standard deviations of position and rotation: (B, 2).
-
-    None without rollouts.
-    """
-    scene, spreads = evidence.scene, evidence.spreads
-    if spreads is None:
-        return None
-    floors = spread_floors(evidence.start, scene.moving)
-    predicted = np.maximum(pose_spreads(evidence.snapshot.belief.blocks), floors)
-    found = np.where(np.isfinite(spreads), np.maximum(spreads, floors), math.inf)
-    result = np.ones((len(scene.bodies), 2))
-    result[scene.moving] = np.maximum(predicted / found, found / predicted)
-    return result
 
 
 @_measure(
@@ -395,7 +377,7 @@ def doubtful_contacts(evidence):
     """The same factor, for a body whose contacts, or their order in an impact, may differ within one standard
     deviation. A smaller factor raises the flag there.
     """
-    factors = spread_factors(evidence)
+    factors = evidence.spread_factors
     if factors is None or evidence.uncertain_since is None:
         return None
     return np.where(np.isfinite(evidence.uncertain_since), factors.max(axis=1), 1.0)
@@ -418,7 +400,7 @@ def extent_loss(evidence):
     if scene.integrator != "implicit" or all(loss is None for loss in losses):
         return None
     stds = np.maximum(EXTENT_LOSS, _EXTENT_SHARE * scene.world.bodies.radius)
-    positions = pose_spreads(evidence.snapshot.belief.blocks)[:, 0]
+    positions = evidence.predicted_spreads[:, 0]
     if evidence.spreads is not None:
         positions = np.fmax(positions, evidence.spreads[:, 0])
     stds[scene.moving] = np.maximum(positions, stds[scene.moving])
@@ -511,9 +493,7 @@ def rare_outcomes(evidence):
     more than eight standard deviations from the mean. Their probability is that of a threshold along one
     uncertain direction, as far out as their share says.
     """
-    if evidence.wide is None:
-        return None
-    return tail_factors(evidence.scene, evidence.snapshot.belief, evidence.wide).max(axis=1)
+    return None if evidence.widening is None else evidence.widening.max(axis=1)
 
 
 @_measure(Status.OUTSIDE_VALIDITY, 1.05, "ended before its accuracy was reached; allow more time or runs")
@@ -674,7 +654,7 @@ def mean_pose_errors(evidence):
     if found is None:
         of_mean = np.zeros((len(errors), 2))
         count = len(evidence.history.first_time)
-        of_mean[scene.moving] = pose_spreads(evidence.snapshot.belief.blocks) / math.sqrt(count)
+        of_mean[scene.moving] = evidence.predicted_spreads / math.sqrt(count)
     else:
         of_mean = np.column_stack([found.position, found.rotation])
     errors = (of_mean[:, 0] ** 2 + (evidence.start.shapes[:, 3] * of_mean[:, 1]) ** 2) / 3.0

@@ -24,10 +24,12 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
+from ..spatial.moments import pose_spreads
 from ..spatial.rotation import rotation_matrix
 from .conservation_checks import conserves_energy
 from .islands import merged
 from .probability import is_deterministic
+from .rare_outcomes import tail_factors
 from .snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -112,6 +114,33 @@ class Evidence:
         if isinstance(self.propagator, ContactModes):
             return self.propagator.contact_mode_uncertain_since(self.snapshot.carry)
         return None
+
+    @cached_property
+    def predicted_spreads(self) -> np.ndarray:
+        """(M, 2): predicted standard deviations of position [m] and rotation [rad]."""
+        return pose_spreads(self.snapshot.belief.blocks)
+
+    @cached_property
+    def spread_factors(self) -> np.ndarray | None:
+        """(B, 2): factors between predicted and compared standard deviations of position and rotation; None
+        without rollouts.
+        """
+        scene, spreads = self.scene, self.spreads
+        if spreads is None:
+            return None
+        floors = spread_floors(self.start, scene.moving)
+        predicted = np.maximum(self.predicted_spreads, floors)
+        found = np.where(np.isfinite(spreads), np.maximum(spreads, floors), math.inf)
+        result = np.ones((len(scene.bodies), 2))
+        result[scene.moving] = np.maximum(predicted / found, found / predicted)
+        return result
+
+    @cached_property
+    def widening(self) -> np.ndarray | None:
+        """(B, 2): factors by which rare outcomes widen the standard deviations of position and rotation; None
+        without rollouts of a wider belief.
+        """
+        return None if self.wide is None else tail_factors(self.scene, self.snapshot.belief, self.wide)
 
     @cached_property
     def touched(self) -> np.ndarray:
