@@ -81,23 +81,6 @@ def rollout_kernel(prepare):
     return advance
 
 
-@inner
-def _no_method(source, world, work, contacts):
-    """Return None as the method of a plain step."""
-    return
-
-
-_advance_plain = rollout_kernel(_no_method)
-
-
-@kernel
-def advance_implicit(states, first_time, memory, world, begin, steps):
-    """Advance states (N, B, 13) and their `SolverMemory` in place."""
-    room, own = FIRST_ROOM, _with_step(world, world.dt, world.start, world.decay)
-    for n in range(len(states)):  # the type of world of `record_implicit`, so that the step compiles once
-        room = _advance_plain(states[n], first_time[n], memory, n, own, None, begin, steps, room)
-
-
 class Stops(NamedTuple):
     """Times at which rollouts are recorded, ascending.
 

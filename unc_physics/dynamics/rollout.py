@@ -7,7 +7,7 @@ from ..compiler.threads import in_threads
 from ..compiler.time_limit import limited
 from . import contact_history as histories
 from .explicit_step import integrate
-from .implicit_rollout import Records, advance_implicit, record_implicit
+from .implicit_rollout import Records, Stops, record_implicit
 from .workspace import workspace
 
 #: Body steps, over all samples, that take less time than starting another thread.
@@ -114,12 +114,16 @@ def simulate(states, world, steps):
 
 
 def advance(states, contact_history, world, begin, steps):
-    """Advance a batch as `rollout` does, in the calling thread, by the world's integrator."""
+    """Advance a batch as `rollout` does, in the calling thread, by the world's integrator.
+
+    The implicit step records the end, too: a kernel that records nothing would compile the step once more.
+    """
     if world.implicit is None:
         first, nothing = contact_history.first_time, (states[:0], contact_history.first_time[:0])
         record_explicit(states, first, world, world.environment, begin, np.array([steps]), nothing, 0)
     else:
-        advance_implicit(states, contact_history.first_time, contact_history.solver, world, begin, steps)
+        end = Stops(np.array([steps]), *np.zeros((3, 1)))
+        record(states, contact_history, world, begin, end, new_records(states, contact_history, end), 0)
 
 
 @kernel
