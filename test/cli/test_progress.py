@@ -8,7 +8,7 @@ from unc_physics.cli import output
 def test_notes_say_that_work_goes_on_and_end_with_it(capsys, monkeypatch):
     monkeypatch.setattr(output, "NOTE_AFTER", 0.02)
     said = ""
-    with output.told_progress("cloud", "step", "a horizon of 9 s") as show:
+    with output.progress_display("cloud", "step", "a horizon of 9 s") as show:
         assert show is None  # telling costs time
         while said.count("\n") < 2:
             time.sleep(0.01)

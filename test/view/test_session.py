@@ -39,8 +39,8 @@ def test_frames_are_the_predictions(scene, belief, name, options):
     assert frames.ellipsoids[0][1] == ()
     (first,) = frames.ellipsoids[0][0]
     np.testing.assert_allclose(np.sort(first.half_axes), 2.0 * np.array([0.001, 0.01, 0.02]), rtol=0.05)
-    assert name in session.told()
-    assert "± " in session.told()
+    assert name in session.summary()
+    assert "± " in session.summary()
 
 
 def test_standard_deviations_are_scaled_or_given(scene, belief):

@@ -65,7 +65,7 @@ def writing(path: Path, field: str):
 
 
 @contextlib.contextmanager
-def told_progress(name: str, unit: str, work: str) -> Iterator[Callable[[int, int], None] | None]:
+def progress_display(name: str, unit: str, work: str) -> Iterator[Callable[[int, int], None] | None]:
     """Report the progress of the work in the ``with`` block.
 
     Yields a function of the amount done and the total, or None without a terminal. Work that reports progress

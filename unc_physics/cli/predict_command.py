@@ -12,10 +12,10 @@ from pathlib import Path
 
 from ..checks.shown import printable
 from ..propagators.names import ANYTIME, entries
-from .output import check_output, note, told_progress, writing
+from .output import check_output, note, progress_display, writing
 
 _SHOWN_STATE = 1000.0  # bytes of a body's state as Python numbers and as text
-_TELLS = f"a propagator that draws --samples 300 tells, or {ANYTIME}"
+_REMEDY = f"use {ANYTIME}, or a propagator with --samples 300"
 _UNKNOWN = 20  # limit above which unknown probabilities are only counted
 
 
@@ -115,7 +115,7 @@ def run(arguments) -> int:
         horizon = number_from_text(arguments.horizon, "horizon", InvalidHorizonError)
     events = _events(arguments, scene)
     prediction = _predict_with_progress(arguments, scene, belief, propagator, horizon, events)
-    _note_what_is_left_out(arguments, propagator, horizon)
+    _note_ineffective_arguments(arguments, propagator, horizon)
     if prediction.left_out:
         note(
             f"{propagator.name} leaves out {', '.join(prediction.left_out)}; the status says if the spread is"
@@ -334,7 +334,7 @@ def probabilities_as_table(found) -> str:
         )
     if unknown:
         which = f"{len(unknown)} {'more ' if lines else ''}" if len(unknown) > _UNKNOWN else ""
-        lines.append(f"{which}(0.000 to 1.000): nothing is known; {_TELLS}")
+        lines.append(f"{which}(0.000 to 1.000): nothing is known; {_REMEDY}")
     return "\n".join(lines)
 
 
@@ -348,7 +348,7 @@ def check_picture(path):
     check_output(path, ".gif" if Path(path).suffix == ".gif" else ".png", "--picture")
 
 
-def _note_what_is_left_out(arguments, propagator, horizon):
+def _note_ineffective_arguments(arguments, propagator, horizon):
     """Print notes about arguments without effect or with a possibly unintended effect."""
     if arguments.seed is not None and not hasattr(propagator, "seed"):
         note(f"--seed {arguments.seed} has no effect, as {propagator.name} draws nothing")
@@ -374,7 +374,7 @@ def _predict_with_progress(arguments, scene, belief, propagator, horizon, events
     if arguments.period is not None:
         period = number_from_text(arguments.period, "period", InvalidHorizonError)
         times = periodic_times(scene, period, horizon)
-    with told_progress(propagator.name, "step", f"a horizon of {horizon} s") as show:
+    with progress_display(propagator.name, "step", f"a horizon of {horizon} s") as show:
         try:
             return predict(
                 scene,

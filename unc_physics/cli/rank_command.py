@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from .output import told_progress, writing
+from .output import progress_display, writing
 from .predict_command import check_picture
 
 
@@ -68,7 +68,7 @@ def run(arguments) -> int:
     for k, event in enumerate(loaded.also):
         event.check(loaded.scene, f"also[{k}]")
     horizon = loaded.horizon if horizon is None else horizon
-    with told_progress("rank", "rollout", f"{len(loaded.actions)} actions") as show:
+    with progress_display("rank", "rollout", f"{len(loaded.actions)} actions") as show:
         ranking = rank(
             loaded.scene,
             loaded.belief,

@@ -27,7 +27,7 @@ from .base import (
     Traits,
 )
 from .emission import Moments, Runs, Shared, belief_of, emitted, labelled, whitened
-from .free_flight import flown
+from .free_flight import after_flight
 from .joining import joined_history, joined_means
 from .options import option
 from .reduction import reduction, symmetric
@@ -213,7 +213,7 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
         )
 
     def propagate_flight(self, carry, flight):
-        return carry._replace(states=flown(carry.states, flight), step=carry.step + flight.steps)
+        return carry._replace(states=after_flight(carry.states, flight), step=carry.step + flight.steps)
 
     @property
     def own_sample_count(self):

@@ -187,8 +187,8 @@ def belief_of(runs: Runs, scene: Scene) -> Belief:
     for group in groups:
         bodies = group.bodies
         if group.flew:
-            flown = _flown(runs, scene, group, _points_of(runs, group))
-            own, errors = mean_and_errors(flown, np.arange(len(bodies)))
+            ended = _propagate_flights(runs, scene, group, _points_of(runs, group))
+            own, errors = mean_and_errors(ended, np.arange(len(bodies)))
             covariance, along = second_moment(errors), (errors, np.zeros((len(runs.states), errors.shape[1])))
         elif _spread(runs, scene, group):
             found = _moments(runs, scene, group, ends)
@@ -267,7 +267,7 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
     near = np.full((len(z), len(runs.mean)), -1)
     for group in _groups(runs, scene):
         if group.flew:
-            states[:, group.bodies] = _flown(runs, scene, group, z[:, group.columns])
+            states[:, group.bodies] = _propagate_flights(runs, scene, group, z[:, group.columns])
         elif _spread(runs, scene, group):
             found = _moments(runs, scene, group, ends)
             states[:, group.bodies], own = _sampled(runs, scene, found, z)
@@ -394,7 +394,7 @@ def _divided(runs, scene, met, moved, no_closed_form):
         yield Group(key, bodies, columns, len(extra), root, alone, flew)
 
 
-def _flown(runs, scene, group, z):
+def _propagate_flights(runs, scene, group, z):
     """Return the states (S, 1, 13) of a body without contacts, for its numbers ``z`` (S, d)."""
     own = z[:, : group.root.shape[1]]
     states = spread_states(runs.mean[group.bodies], np.arange(1), np.einsum("sr,kr->sk", own, group.root))

@@ -100,7 +100,7 @@ class Flight(NamedTuple):
     steps: float
 
 
-def flown(states: np.ndarray, flight: Flight) -> np.ndarray:
+def after_flight(states: np.ndarray, flight: Flight) -> np.ndarray:
     """Return states (..., 13) after a free flight."""
     gravity, along = flight.gravity, flight.course
     ended = states.copy()
@@ -122,7 +122,7 @@ def flown(states: np.ndarray, flight: Flight) -> np.ndarray:
 
 
 def propagate_flight(states: np.ndarray, flight: Flight) -> None:
-    """Move many states (S, B, 13) in place by a free flight; as `flown`, to round-off."""
+    """Move many states (S, B, 13) in place by a free flight; as `after_flight`, to round-off."""
     along = flight.course
     _fly(states, flight.gravity, along.decay, along.fall, along.reach, along.sink, along.turn)
 

@@ -33,7 +33,7 @@ from ..spatial.rotation import cross, rotate
 from .action_directions import directions, start_root
 from .base import ClosedFormFlight, ContactModes, Islands, Propagator, Supports, Traits
 from .contact_derivative import contact_root, kick_column, moved_by_column
-from .free_flight import flown, transition
+from .free_flight import after_flight, transition
 from .implicit_linearization import advance_root
 from .joining import joined_history, joined_means
 from .start import resolve_initial_overlap
@@ -116,7 +116,7 @@ class Linearization(Propagator, Islands, ClosedFormFlight, ContactModes):
     def propagate_flight(self, carry, flight):
         A = transition(carry.mean[0], flight.course, True)
         return carry._replace(
-            mean=flown(carry.mean, flight), root=A @ carry.root, step=carry.step + flight.steps
+            mean=after_flight(carry.mean, flight), root=A @ carry.root, step=carry.step + flight.steps
         )
 
 

@@ -13,7 +13,7 @@ from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
 from .base import ClosedFormFlight, Islands, Propagator, Traits
-from .free_flight import flown, transition
+from .free_flight import after_flight, transition
 from .implicit_local_sampling import advance_solved_covariances
 from .joining import joined_blocks, joined_history, joined_means
 from .local_clouds import advance_covariances
@@ -89,7 +89,7 @@ class LocalSampling(Propagator, Islands, ClosedFormFlight):
     def propagate_flight(self, carry, flight):
         A = transition(carry.mean[0], flight.course, False)
         return carry._replace(
-            mean=flown(carry.mean, flight),
+            mean=after_flight(carry.mean, flight),
             covariance=A @ carry.covariance @ A.T,
             step=carry.step + flight.steps,
         )

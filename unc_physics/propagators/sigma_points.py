@@ -18,7 +18,7 @@ from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERROR
 from ..spatial.moments import boxminus, mean_and_errors, second_moment, spread_states, symmetric_root
 from .base import ClosedFormFlight, Islands, PointPairs, Supports, Traits
-from .free_flight import course_of, flown
+from .free_flight import after_flight, course_of
 from .joining import joined_history
 from .options import option
 from .reduction import common_covariance, reduction, symmetric
@@ -121,7 +121,7 @@ class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
         )
 
     def propagate_flight(self, carry, flight):
-        return carry._replace(states=flown(carry.states, flight), step=carry.step + flight.steps)
+        return carry._replace(states=after_flight(carry.states, flight), step=carry.step + flight.steps)
 
     def point_count(self, scene, belief):
         rank = ERROR * len(belief.moving)

@@ -14,7 +14,7 @@ from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
 from ..spatial.moments import symmetric_root
 from .base import ClosedFormFlight, Islands, Propagator, Traits
-from .free_flight import flown, transition
+from .free_flight import after_flight, transition
 from .implicit_surrogate import advance_solved_roots
 from .joining import joined_blocks, joined_history, joined_means
 from .options import option
@@ -83,5 +83,5 @@ class Surrogate(Propagator, Islands, ClosedFormFlight):
     def propagate_flight(self, carry, flight):
         A = transition(carry.mean[0], flight.course, False)
         return carry._replace(
-            mean=flown(carry.mean, flight), roots=A @ carry.roots, step=carry.step + flight.steps
+            mean=after_flight(carry.mean, flight), roots=A @ carry.roots, step=carry.step + flight.steps
         )

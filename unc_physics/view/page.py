@@ -41,7 +41,7 @@ class Page:
         self._add_time_line(frames)
         self._add_choices()
         self._add_sliders()
-        self._told = self.server.gui.add_markdown(session.told())
+        self._summary = self.server.gui.add_markdown(session.summary())
         self._threads = [threading.Thread(target=work, daemon=True) for work in (self._play, self._predict)]
         for thread in self._threads:
             thread.start()
@@ -117,9 +117,9 @@ class Page:
                 if self._closed.is_set():
                     return
                 self._drawing.replace(self._session.scene, frames)
-                self._told.content = self._session.told()
+                self._summary.content = self._session.summary()
             except UncPhysicsError as error:
-                self._told.content = f"**not predicted**: {error}"
+                self._summary.content = f"**not predicted**: {error}"
 
     def _play(self):
         """Advance the time line in real time while a client is connected."""

@@ -85,7 +85,7 @@ class Session:
         )
         return frames_of(self.prediction, self._ghosts)
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """Return the last prediction as Markdown: bodies, probabilities, and status flags."""
         prediction = self.prediction
         if prediction is None:
@@ -107,8 +107,8 @@ class Session:
 
     def _probabilities(self, prediction):
         found = [(event, prediction.probability(event)) for event in _events(prediction.scene)]
-        told = [(event, p) for event, p in found if p.estimate > 0.0 and p.high - p.low < 1.0]
-        lines = [f"- {_plain(str(event))}: **{p.estimate:.2f}**" for event, p in told[:_MOST_LINES]]
+        informative = [(event, p) for event, p in found if p.estimate > 0.0 and p.high - p.low < 1.0]
+        lines = [f"- {_plain(str(event))}: **{p.estimate:.2f}**" for event, p in informative[:_MOST_LINES]]
         for body, modes in self._modes(prediction):
             lines.append(f"- {_plain(body)}: outcomes of {modes}")
         return lines or ["- probabilities: ask a propagator with samples"]
