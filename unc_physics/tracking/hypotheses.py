@@ -217,6 +217,11 @@ class Track(NamedTuple):
         )
 
 
+def new_track(free: Filter, symmetry: Symmetry) -> Track:
+    """Return the track of a body that begins with a belief."""
+    return Track(TrackMode.PHYSICS if free.knows_velocities(symmetry) else TrackMode.STARTING, free)
+
+
 def _begun(free, time, observation, reference):
     """Return a filter that starts with one measurement; a position does not change the rotation."""
     mean, P = free.mean.copy(), np.zeros((12, 12))
