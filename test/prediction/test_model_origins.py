@@ -135,10 +135,7 @@ def test_marginals_and_joint_moments_agree(name):
     }
     belief = Belief.of(scene, starts)
     prediction = predict(scene, belief, name, 0.3)
-    own, joint = (
-        prediction.at().at_model_origins(prediction.scene, prediction.propagator, joint)
-        for joint in (False, True)
-    )
+    own, joint = (prediction.at().at_model_origins(prediction.scene, joint) for joint in (False, True))
     assert own.independent and not joint.independent
     np.testing.assert_array_equal(own.mean, joint.mean)
     stds = [np.sqrt(np.einsum("mii->mi", belief.blocks)) for belief in (own, joint)]

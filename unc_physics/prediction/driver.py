@@ -16,7 +16,7 @@ from ..compiler.compile_time import clock
 from ..compiler.threads import watched
 from ..dynamics.contact_history import ContactHistory
 from ..propagators.balanced_monte_carlo import WideMonteCarlo
-from ..propagators.base import Anytime, Islands, Propagator, Samples, Spent, rollout_count
+from ..propagators.base import Anytime, Islands, PointPairs, Propagator, Samples, Spent, rollout_count
 from ..propagators.names import POINTS
 from ..propagators.registry import make_propagator
 from ..propagators.start import constrain_belief
@@ -369,11 +369,15 @@ def snapshot(
         raise DivergedError(
             f"diverged within {time:.6g} s; a smaller dt or stiffness may help", field="prediction"
         )
-    draw = draw_rollouts = None
+    rollouts = drawn = points = None
     if isinstance(propagator, Samples):
-        draw = partial(propagator.own_samples, carry, scene)
-        draw_rollouts = partial(propagator.rollout_states, carry, scene)
-    return Snapshot(time, belief, carry, draw, draw_rollouts, carry.contact_history.first_time)
+        rollouts = propagator.rollout_states(carry, scene)
+        if propagator.resamples:
+            drawn = partial(propagator.own_samples, carry, scene)
+    if isinstance(propagator, PointPairs):
+        points = propagator.point_states(carry, scene)
+    first = carry.contact_history.first_time
+    return Snapshot(time, belief, carry, rollouts, drawn, points, first)
 
 
 def points_at_start(scene: Scene, belief: Belief) -> tuple[Belief, ContactHistory]:

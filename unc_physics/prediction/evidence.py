@@ -13,6 +13,7 @@ import numpy as np
 from ..dynamics.contact_history import ContactHistory
 from ..propagators.base import ContactModes, PointPairs, Propagator, Samples, rollout_count
 from ..propagators.overlap_depths import overlaps
+from ..propagators.sigma_points import opposite_points
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
@@ -95,12 +96,14 @@ class Evidence:
         scene, propagator, carry = prediction.scene, prediction.propagator, snapshot.carry
         history = carry.contact_history
         states, asymmetries = snapshot.rollout_states, None
-        if isinstance(propagator, PointPairs):
-            states = propagator.point_states(carry, scene)
+        if snapshot.points is not None:
+            states = snapshot.points
             if scene.islands:
                 # islands' points are joined by moving them farther out: the central one alone was simulated
                 states = states[:1]
-            asymmetries = _sigma_point_asymmetries(scene, start, propagator.opposite_points(carry, scene))
+            asymmetries = _sigma_point_asymmetries(
+                scene, start, opposite_points(snapshot.points, scene.moving)
+            )
         elif propagator.traits.mean_update == "nominal" or len(history.first_time) == 1:
             states = snapshot.belief.mean[None]
         wide, missing = snapshot.wide, prediction.left_out

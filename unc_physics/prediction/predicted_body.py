@@ -167,7 +167,7 @@ class PredictedBody:
         """Belief about all bodies, at the origin."""
         if self.origin == "center_of_mass":
             return self._snapshot.belief
-        return self._snapshot.at_model_origins(self._prediction.scene, self._prediction.propagator)
+        return self._snapshot.at_model_origins(self._prediction.scene)
 
     def _model_origin(self):
         """(3,): the model's origin in the body frame [m]."""

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from ..checks.errors import InvalidRequestError, NotSupportedError
-from ..propagators.base import PointPairs, Propagator
 from ..propagators.modes import Mode, only_mode, split
+from ..propagators.sigma_points import opposite_points
 from ..scene.belief import Belief
 from ..scene.origins import gaussian_at_origins, points_at_origins, states_at_origins
 from ..scene.scene import Scene
@@ -73,6 +71,15 @@ class RemoteAnswers(NamedTuple):
     at_origins: Belief | None = None  # at the models' own origins
 
 
+@dataclass(eq=False)
+class _Derived:
+    """Results of a snapshot that were computed when they were first asked for."""
+
+    samples: np.ndarray | None = None
+    at_origins: dict[bool, Belief] = field(default_factory=dict)  # by whether they are joint
+    modes: dict[int, tuple[Mode, ...]] = field(default_factory=dict)  # by body
+
+
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """Prediction at one time.
@@ -84,10 +91,13 @@ class Snapshot:
     belief : Belief
     carry : NamedTuple or None
         The propagator's persistent state, of all bodies; None where the prediction was made elsewhere.
-    draw : callable or None
-        Makes `samples`; None where the answer is a Gaussian.
-    draw_rollouts : callable or None
-        Makes `rollout_states`.
+    rollout_states : (R, B, 13) array or None
+        States of the rollouts behind `samples`; None where the answer is a Gaussian.
+    drawn : array or callable, optional
+        Samples where they are not the rollouts: as received from a node, or a function that draws them from
+        the response surface of the rollouts, which may take longer than the prediction.
+    points : (2 n + 1, B, 13) array or None
+        States of pairs of points, as `PointPairs.point_states`.
     first_contacts : (R, B, B + E) array or None
         When bodies i < j, or body i and element j - B, first touched in each rollout, up to this time [s];
         infinite without contact.
@@ -103,12 +113,14 @@ class Snapshot:
     time: float
     belief: Belief
     carry: Any = None
-    draw: Callable[[], np.ndarray] | None = None
-    draw_rollouts: Callable[[], np.ndarray] | None = None
+    rollout_states: np.ndarray | None = None
+    drawn: np.ndarray | Callable[[], np.ndarray] | None = None
+    points: np.ndarray | None = None
     first_contacts: np.ndarray | None = None
     flights: Flights | None = None
     received: RemoteAnswers | None = None
     wide: np.ndarray | None = None
+    _derived: _Derived = field(default_factory=_Derived, init=False, repr=False)
 
     def __getitem__(self, key: object) -> NoReturn:
         raise InvalidRequestError(
@@ -117,31 +129,28 @@ class Snapshot:
             value=key,
         )
 
-    @cached_property
+    @property
     def samples(self) -> np.ndarray | None:
-        """(N, B, 13): equally probable states of the answer, as in `Belief.mean`."""
-        return None if self.draw is None else self.draw()
-
-    @cached_property
-    def rollout_states(self) -> np.ndarray | None:
-        """(R, B, 13): states of the rollouts behind `samples`; None without samples."""
-        return None if self.draw_rollouts is None else self.draw_rollouts()
+        """(N, B, 13): equally probable states of the answer, as in `Belief.mean`; None for a Gaussian."""
+        if self.drawn is None:
+            return self.rollout_states
+        if self._derived.samples is None:
+            self._derived.samples = self.drawn() if callable(self.drawn) else self.drawn
+        return self._derived.samples
 
     def at_time(self, time: float) -> Snapshot:
-        """Return the same snapshot at another time [s]; both share what is computed from the carry."""
-        self.__dict__.setdefault("at_origins", {})
-        self.__dict__.setdefault("split", {})
-        other = copy.copy(self)
-        other.__dict__["time"] = time
+        """Return the same snapshot at another time [s]; both share what is computed from their data."""
+        other = replace(self, time=time)
+        object.__setattr__(other, "_derived", self._derived)
         return other
 
-    def at_model_origins(self, scene: Scene, propagator: Propagator, joint: bool = False) -> Belief:
+    def at_model_origins(self, scene: Scene, joint: bool = False) -> Belief:
         """Return the moments at the models' own origins instead of the centres of mass.
 
-        They are computed from rollouts or points if the propagator has some, and otherwise from the Gaussian.
+        They are computed from rollouts or points if there are some, and otherwise from the Gaussian.
         With ``joint`` they include the covariances between bodies.
         """
-        known = self.__dict__.setdefault("at_origins", {})
+        known = self._derived.at_origins
         if joint not in known:
             belief = self.belief
             if not joint:
@@ -151,10 +160,9 @@ class Snapshot:
                 found = self.received.at_origins
             elif self.rollout_states is not None:
                 found = states_at_origins(belief, self.rollout_states, origins)
-            elif isinstance(propagator, PointPairs) and self.carry is not None:
-                points = propagator.point_states(self.carry, scene)
-                one, other = propagator.opposite_points(self.carry, scene)
-                found = points_at_origins(belief, points, 0.5 * (one - other), origins)
+            elif self.points is not None:
+                one, other = opposite_points(self.points, scene.moving)
+                found = points_at_origins(belief, self.points, 0.5 * (one - other), origins)
             else:
                 found = gaussian_at_origins(belief, origins)
             known[joint] = found
@@ -174,7 +182,7 @@ class Snapshot:
             return self.received.modes[body]
         if self.rollout_states is None or not scene.bodies[body].free:
             return (only_mode(self.belief, body),)
-        known = self.__dict__.setdefault("split", {})
+        known = self._derived.modes
         if body not in known:
             found = split(self.rollout_states[:, body], scene.bodies[body].model.bounding_radius)
             known[body] = found if len(found) > 1 else (only_mode(self.belief, body),)

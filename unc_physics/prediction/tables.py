@@ -47,7 +47,7 @@ def as_dict(
         "bodies": _bodies(scene, prediction.belief),
     }
     starts = _bodies(scene, prediction.start)
-    at_origins = _bodies(scene, prediction.at().at_model_origins(scene, prediction.propagator))
+    at_origins = _bodies(scene, prediction.at().at_model_origins(scene))
     keys = ("position", "linear_velocity", "covariance")
     for found, body, start, other in zip(result["bodies"], scene.bodies, starts, at_origins, strict=True):
         del start["name"]

@@ -313,11 +313,7 @@ class PointPairs(ABC):
 
     @abstractmethod
     def point_states(self, carry: Any, scene: Scene) -> np.ndarray:
-        """Return the points' states (N, B, 13), the middle one first."""
-
-    @abstractmethod
-    def opposite_points(self, carry: Any, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-        """Return errors (n, M, 12) of points about the middle one, and those of the opposite points."""
+        """Return the states (2 n + 1, B, 13) of the middle point, of n points, and of the opposite points."""
 
 
 class ContactModes(ABC):

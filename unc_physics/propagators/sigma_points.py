@@ -132,17 +132,30 @@ class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
     def point_states(self, carry, scene):
         return moved_along(carry.states, -center_offsets(scene, carry.parameters))
 
-    def opposite_points(self, carry, scene):
-        states = self.point_states(carry, scene)
-        errors = _errors_about_first(states).reshape(len(states), -1, ERROR)[:, scene.moving]
-        count = len(states) // 2
-        return errors[1 : count + 1], errors[count + 1 :]
-
     def directions(self, initial):
         if self.points == "full":
             return np.full(len(initial.moving), ERROR)
         values = np.linalg.eigvalsh(initial.blocks)
         return (values > 1e-14 * values[:, -1:]).sum(axis=1)
+
+
+def opposite_points(points: np.ndarray, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the errors of points about the middle one, and those of the opposite points.
+
+    Parameters
+    ----------
+    points : (2 n + 1, B, 13) array
+        States, as from `PointPairs.point_states`.
+    moving : (M,) int array
+        Indices of the moving bodies.
+
+    Returns
+    -------
+    errors, opposite : (n, M, 12) array
+    """
+    errors = _errors_about_first(points).reshape(len(points), -1, ERROR)[:, moving]
+    count = len(points) // 2
+    return errors[1 : count + 1], errors[count + 1 :]
 
 
 @kernel

@@ -121,7 +121,7 @@ def prediction_from(
         samples = members_at(tracked, state, at)
         carry = state.carry._replace(contact_history=own, step=mark.steps)
         snapshots.append(
-            Snapshot(mark.time, belief_at(tracked, state, at), carry, samples.copy, samples.view, first)
+            Snapshot(mark.time, belief_at(tracked, state, at), carry, samples, first_contacts=first)
         )
     return Prediction(scene, tracked.propagator, tuple(snapshots), now, now, clock() - started)
 

@@ -95,10 +95,7 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
         If a number is not finite.
     """
     used, outputs, times = prediction.scene, job.outputs, prediction.times
-    at_origins = [
-        one.at_model_origins(used, prediction.propagator, outputs.joint_covariance)
-        for one in prediction.snapshots
-    ]
+    at_origins = [one.at_model_origins(used, outputs.joint_covariance) for one in prediction.snapshots]
     objects, joints = write_prediction(
         job.scene, job.models, times, at_origins, _drawn(job, prediction), outputs
     )
@@ -432,11 +429,9 @@ def _prediction(message, query):
         ]
         at_origins = _belief([one.states[k] for one in message.objects], joints[0], scene)
         belief = _belief([one.center_of_mass[k] for one in message.objects], joints[1], scene)
-        draw = None
-        if query.keep_samples:
-            draw = functools.partial(np.asarray, _samples(message.objects, scene, k))
+        samples = _samples(message.objects, scene, k) if query.keep_samples else None
         snapshots.append(
-            Snapshot(time, belief, draw=draw, received=_received(message, query, belief, at_origins, k))
+            Snapshot(time, belief, drawn=samples, received=_received(message, query, belief, at_origins, k))
         )
     return Prediction(
         scene,
