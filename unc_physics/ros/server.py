@@ -37,19 +37,12 @@ from .messages.request import UNLIMITED, Job, TimeLimits, as_sent, read_request
 from .messages.scene import FieldNames
 from .models import ModelLibrary, ModelTopics
 from .parameters import ParameterServer
-from .services import CapabilitiesService, DeferredAnswerCheck, prediction_service
+from .services import BackgroundService, CapabilitiesService, DeferredAnswerCheck
 from .streams import Stream
 from .tracking import Tracking
 from .tracks import warm_up_tracker
 
-_INTERFACES = (
-    ModelTopics,
-    EnvironmentTopics,
-    CapabilitiesService,
-    CandidatesService,
-    LongPrediction,
-    prediction_service,
-)
+_INTERFACES = (ModelTopics, EnvironmentTopics, CapabilitiesService, CandidatesService, LongPrediction)
 # upper limit; predictions run in numba's threads, these mostly wait, for example for a transform
 _THREADS = 64
 _COMPILED_ANSWER = 1.0  # s, of computation for an answer that only compiles
@@ -133,6 +126,7 @@ class PredictionServer:
             self._open = [self.deferred_answers, self.diagnostics, self.markers]
             for interface in _INTERFACES:
                 self._open.append(interface(self))
+            self._open.append(BackgroundService(self, Predict, "~/predict", self._predict))
             stream = Stream(self)
             self._open.append(stream)
             if self.settings.track:
@@ -231,6 +225,12 @@ class PredictionServer:
         prediction = job.run(report, self.settings.max_flight_steps)
         self.diagnostics.predicted(prediction)
         return prediction
+
+    def _predict(self, request, response):
+        """Answer a call of ``~/predict``; calls run concurrently."""
+        settings = self.settings
+        limits = TimeLimits(settings.max_computation_time, settings.default_time_budget)
+        return self.answer(response, request.request, limits=limits)
 
     def answer(
         self,

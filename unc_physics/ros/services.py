@@ -19,7 +19,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from unc_physics_msgs.msg import OptionInfo, PropagatorInfo, Result
-from unc_physics_msgs.srv import GetCapabilities, Predict
+from unc_physics_msgs.srv import GetCapabilities
 
 from .. import __version__
 from ..checks.errors import CanceledError, NotActiveError
@@ -27,7 +27,6 @@ from ..propagators.registry import PROPAGATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from .messages.fields import duration, write_error
 from .messages.physics import physics_message
-from .messages.request import TimeLimits
 
 _DISCOVERY_PERIOD = 0.02  # s, between checks whether a service is discovered
 #: Quality of service of latched topics.
@@ -203,17 +202,6 @@ class DeferredAnswerCheck:
         """Stop the timer and the client."""
         self._end_timer()
         self._end_client()
-
-
-def prediction_service(server) -> BackgroundService:
-    """Return the service ``~/predict``; requests run concurrently."""
-
-    def answer(request, response):
-        settings = server.settings
-        limits = TimeLimits(settings.max_computation_time, settings.default_time_budget)
-        return server.answer(response, request.request, limits=limits)
-
-    return BackgroundService(server, Predict, "~/predict", answer)
 
 
 class CapabilitiesService:
