@@ -1,4 +1,4 @@
-# make demo   a node and a client over real DDS, with a table and a picture
+# make demo   a node and a client over real DDS, with a table and a picture; METHODS=all asks all methods
 # make test   all tests but those that take long
 # make test-plain   the core's tests with plain compilation, as for a numba version that was not tested
 # make lint   what needs no run: likely mistakes and layout by ruff, types by pyright
@@ -43,6 +43,8 @@ endif
 help:
 	@sed -n 's/^# \?//; /^$$/q; p' Makefile
 
+ALL_METHODS := $(if $(filter all, $(METHODS)),--all-methods)
+
 # For the demo, pip installs ROS and the interfaces compile while the kernels compile.
 MAKE_STEPS := $(MAKE) -s --no-print-directory -j2
 
@@ -50,8 +52,8 @@ venv:
 	@$(MAKE_STEPS) $(MADE)/package
 
 demo:
-	@$(MAKE_STEPS) $(MADE)/kernels $(MADE)/package $(MADE)/more_kernels
-	@$(VENV_PYTHON) -m unc_physics.ros.demo
+	@$(MAKE_STEPS) $(MADE)/kernels $(MADE)/package $(MADE)/more_kernels $(ALL_METHODS:%=$(MADE)/kernels_of_all_methods)
+	@$(VENV_PYTHON) -m unc_physics.ros.demo $(ALL_METHODS)
 
 # Without the variable pyright would look for a newer version of itself.
 lint:
@@ -166,28 +168,35 @@ $(MADE)/interfaces: requirements/ros.txt $(INTERFACES) cmake/ros_wheels.cmake | 
 	@rm -rf $(MADE)/build && touch $@
 
 # What the demo asks of the kernels, for its node and client to find them compiled. One process compiles the time loop of
-# rollouts; after the interfaces, the other one compiles what builds on rollouts.
+# rollouts; after the interfaces, the other one compiles what builds on rollouts, and draws the first picture.
 define COMPILE
 import sys
 from unc_physics import Upright, predict
 from unc_physics.prediction.warm_up import warm_up
 from unc_physics.ros.demo_scene import table_scene
 scene, belief = table_scene()
+if "cloud" in sys.argv:
+    warm_up([])
 for propagator in sys.argv[1:]:
-    warm_up([propagator])
     prediction = predict(scene, belief, propagator, 0.1, events=[Upright("carton")])
-prediction.plot()
+if "cloud" in sys.argv:
+    prediction.plot()
 endef
 export COMPILE
 
 $(MADE)/kernels: $(MADE)/run
-	@echo "[4] Compiling the kernels of rollouts: about a minute ..."
+	@echo "[4] Compiling the kernels of rollouts: 40 s ..."
 	@$(VENV_PYTHON) -c "$$COMPILE" monte_carlo
 	@touch $@
 
 $(MADE)/more_kernels: $(MADE)/run | $(MADE)/interfaces
-	@echo "[5] Compiling the kernels of other methods, beside the first: a minute and a half ..."
-	@$(VENV_PYTHON) -c "$$COMPILE" sigma_points auto linearization surrogate local_sampling
+	@echo "[5] Compiling what else the demo needs, beside the first: about 20 s ..."
+	@$(VENV_PYTHON) -c "$$COMPILE" cloud sigma_points auto
+	@touch $@
+
+$(MADE)/kernels_of_all_methods: $(MADE)/kernels | $(MADE)/more_kernels
+	@echo "[6] Compiling the kernels of all other methods: about a minute ..."
+	@$(VENV_PYTHON) -c "$$COMPILE" linearization surrogate local_sampling
 	@touch $@
 
 # What nearly all tests ask of the kernels: it compiles while pip downloads what else they need.

@@ -1,7 +1,8 @@
 """``python -m unc_physics.ros.demo``: a can is thrown at a carton on a table; does the carton stay upright?
 
 A node, in a process of its own, predicts the scene by several methods. The client prints how long each took
-and how far it is from many Monte Carlo samples, and draws the prediction of the default method.
+and how far it is from many Monte Carlo samples, and draws the prediction of the default method. The methods
+share the kernels of rollouts; ``--all-methods`` adds the others, which compile for another minute.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -24,19 +25,19 @@ from ..checks.errors import OutputError, UncPhysicsError
 from ..compiler.compile_time import FIRST_USE
 from ..prediction.events import Upright
 from ..prediction.prediction import Prediction
-from ..propagators.names import ANYTIME, BUILT_IN, REFERENCE
+from ..propagators.names import ANYTIME, BUILT_IN, DEFAULT, POINTS, REFERENCE
 from .client import Client
 from .demo_scene import HORIZON, PERIOD, table_scene
 
+#: Names of methods, and their numbers of samples or None.
+Methods: TypeAlias = tuple[tuple[str, int | None], ...]
+
 NODE = "unc_physics_demo"
 TRUTH = 2000  # samples
-#: Methods and their numbers of samples, where these are given.
-METHODS: tuple[tuple[str, int | None], ...] = (
-    (ANYTIME, None),
-    (REFERENCE, 32),
-    (REFERENCE, 200),
-    *((name, None) for name in BUILT_IN if name not in (ANYTIME, REFERENCE)),
-)
+#: Methods that share the kernels of rollouts, and their numbers of samples, where these are given.
+METHODS: Methods = ((ANYTIME, None), (REFERENCE, 32), (REFERENCE, 200), (DEFAULT, None), (POINTS, None))
+#: Methods with a time loop of their own.
+OTHER_METHODS: Methods = tuple((name, None) for name in BUILT_IN if name not in dict(METHODS))
 SEED, TRUTH_SEED = 1, 2
 _TIMEOUT = 240.0  # s, of each call; a node that starts for the first time compiles its kernels
 _END_TIMEOUT = 10.0  # s
@@ -56,7 +57,9 @@ def main(arguments=None) -> int:
     parser.add_argument(
         "--output", default="demo.png", metavar="FILE.png", help="picture to write (default demo.png)"
     )
+    parser.add_argument("--all-methods", action="store_true", help="also ask the methods of the paper")
     options = parser.parse_args(arguments)
+    methods = METHODS + OTHER_METHODS if options.all_methods else METHODS
     output = Path(options.output).resolve()
     if not output.parent.is_dir():
         error = OutputError("is no folder", field="--output", value=str(output.parent))
@@ -69,7 +72,7 @@ def main(arguments=None) -> int:
         status = 1
         try:
             answers = []
-            for answer in ask():
+            for answer in ask(methods):
                 answers.append(answer)
                 print(f"  {answer.name}: {1e3 * answer.wall_time:.0f} ms over ROS", flush=True)
             print(table(answers), flush=True)
@@ -95,15 +98,15 @@ def main(arguments=None) -> int:
 def node_command() -> list[str]:
     """Return the command line of the node, which reads zero covariances as exact.
 
-    Its limit of computation time does not end the reference on a busy machine.
+    It compiles only what the client asks for. Its limit of computation time does not end the reference on a
+    busy machine.
     """
-    names = ", ".join(dict.fromkeys(name for name, _ in METHODS))
-    parameters = {"zero_covariance": "exact", "warm_up": f"[{names}]", "max_computation_time": _TIMEOUT}
+    parameters = {"zero_covariance": "exact", "warm_up": "['']", "max_computation_time": _TIMEOUT}
     options = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
     return [sys.executable, "-m", "unc_physics.ros.node", "--ros-args", "-r", f"__node:={NODE}", *options]
 
 
-def ask() -> Iterator[Answer]:
+def ask(methods: Methods) -> Iterator[Answer]:
     """Yield the answer of each method; the reference is last.
 
     Raises
@@ -113,18 +116,14 @@ def ask() -> Iterator[Answer]:
     """
     scene, belief = table_scene()
     times = (np.arange(1, round(HORIZON / PERIOD) + 1) * PERIOD).tolist()
+    asked = [(*method, SEED) for method in methods]
     with Client(server=f"/{NODE}", timeout=_TIMEOUT) as client:
-        client.capabilities()  # returns when the node is ready
-        print("The node is ready. Predicting:", flush=True)
-        client.predict(scene, belief, REFERENCE, PERIOD, samples=1, seed=SEED)  # prepares shapes
-        asked = [(*method, SEED) for method in METHODS]
-        for name, samples, seed in [*asked, (REFERENCE, TRUTH, TRUTH_SEED)]:
-            started = time.perf_counter()
-            prediction = client.predict(
+
+        def predict(name, samples, seed, times):
+            return client.predict(
                 scene,
                 belief,
                 name,
-                HORIZON,
                 times=times,
                 samples=samples,
                 seed=seed,
@@ -132,6 +131,15 @@ def ask() -> Iterator[Answer]:
                 modes=name == ANYTIME,
                 keep_samples=50 if name == ANYTIME else 0,
             )
+
+        client.capabilities()  # returns when the node is ready
+        print("The node is ready. Loading or compiling kernels ...", flush=True)
+        for method in asked:
+            predict(*method, times[:1])
+        print("Predicting:", flush=True)
+        for name, samples, seed in [*asked, (REFERENCE, TRUTH, TRUTH_SEED)]:
+            started = time.perf_counter()
+            prediction = predict(name, samples, seed, times)
             label = name if samples is None else f"{name}, {samples}"
             yield Answer(label, prediction, time.perf_counter() - started)
 
