@@ -1,13 +1,14 @@
 """Make wheels with compiled kernels, and one without: ``python release/wheels.py [--python PYTHON ...]``.
 
 For each Python an environment with the pinned dependencies compiles the kernels of `kinds` for the target of
-wheels (`unc_physics.compiler.tuned.target`), not for this processor. A second run compiles only what changed.
-Pythons compile side by side, one on each processor core.
+wheels (`unc_physics.compiler.tuned.target`), not for this processor. A second run on the same sources
+compiles only what is missing. Pythons compile side by side, one on each processor core.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import platform
@@ -92,10 +93,11 @@ def compile_kernels(python, sources, work):
     env = {name: value for name, value in env.items() if name != "UNC_PHYSICS_COMPILER"}
     for processor, features, made_by in json.loads(_output(python, "-c", _SHIPPED, env=env, cwd=sources)):
         print(f"compiling for {work.name}, {processor} ...", flush=True)
+        cache = kernel_folder(work, sources)
         settings = {
             "NUMBA_CPU_NAME": processor,
             "NUMBA_CPU_FEATURES": features,
-            "NUMBA_CACHE_DIR": str(work / "kernels"),
+            "NUMBA_CACHE_DIR": str(cache),
         }
         started = time.time()
         command = [python, ROOT / "release" / "kinds.py", sources / "examples"]
@@ -107,14 +109,31 @@ def compile_kernels(python, sources, work):
             _, status, used = os.wait4(process.pid, 0)
         if status:
             raise SystemExit(f"{log.read_text()}\n{work.name}: compiling failed")
-        cache = work / "kernels" / f"kernels-{made_by}"
-        kernels = [path for path in cache.glob("*.kernel") if path.stat().st_mtime >= started]
+        kernels = list((cache / f"kernels-{made_by}").glob("*.kernel"))
         folder = sources / "unc_physics" / "kernels" / made_by
         folder.mkdir(parents=True)
         for path in kernels:
             shutil.copy(path, folder)
         wall, cpu = time.time() - started, used.ru_utime + used.ru_stime
         print(f"{work.name}: {len(kernels)} kernels in {wall:.0f} s ({cpu:.0f} s of CPU)", flush=True)
+
+
+def kernel_folder(work, sources):
+    """Return the folder of the kernels of these sources, and remove those of other sources.
+
+    A kernel that is loaded does not load the kernels that were compiled into it. So which kernels a run uses
+    does not show which ones a wheel needs, and kernels of older sources must not be among them.
+    """
+    files = [*sources.rglob("*.py"), *(sources / "examples").rglob("*.yaml"), ROOT / "release" / "kinds.py"]
+    digest = hashlib.sha256()
+    for file in sorted(files):
+        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    wanted = work / "kernels" / digest.hexdigest()[:16]
+    wanted.mkdir(parents=True, exist_ok=True)
+    for folder in wanted.parent.iterdir():
+        if folder != wanted:
+            shutil.rmtree(folder)
+    return wanted
 
 
 def build(python, sources, output, platform_name=None):

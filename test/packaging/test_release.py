@@ -13,6 +13,8 @@ from building import ROOT, clean_environment, copy_sources, run
 from unc_physics import __version__
 
 sys.path.append(str(ROOT / "release"))
+from wheels import kernel_folder
+
 from notes import notes, version
 
 CHANGELOG = """\
@@ -97,3 +99,16 @@ def test_only_a_wheel_with_kernels_is_for_one_python_and_platform(compiled, tmp_
     tag = f"{python}-{python}-manylinux_2_17_x86_64" if compiled else "py3-none-any"
     assert wheel.name == f"unc_physics-{__version__}-{tag}.whl"
     assert (kernel in zipfile.ZipFile(wheel).namelist()) == compiled
+
+
+def test_kernels_of_a_wheel_are_kept_until_a_source_changes(tmp_path):
+    work, sources = tmp_path / "work", tmp_path / "sources"
+    (sources / "unc_physics").mkdir(parents=True)
+    module = sources / "unc_physics" / "step.py"
+    module.write_text("step = 1")
+    first = kernel_folder(work, sources)
+    (first / "step.kernel").touch()
+    assert (kernel_folder(work, sources) / "step.kernel").exists()
+    module.write_text("step = 2")
+    second = kernel_folder(work, sources)
+    assert second.exists() and list(work.rglob("step.kernel")) == []
