@@ -45,18 +45,18 @@ class Shape(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """How an engine is run.
+    """Settings of an engine.
 
     Attributes
     ----------
     dt : float
         [s]
     iterations : int
-        Of PyBullet's solver, in a step.
+        Iterations of PyBullet's solver in a step.
     contact_time : float
         Time constant of MuJoCo's contacts [s].
     firm_friction : float
-        How much stiffer than contacts MuJoCo's friction is (``impratio``).
+        Ratio of the stiffness of friction to that of contacts in MuJoCo (``impratio``).
     """
 
     dt: float
@@ -65,7 +65,7 @@ class Settings(NamedTuple):
     firm_friction: float = 1.0
 
     def words(self, engine: str) -> str:
-        """They as a reader is told."""
+        """Return a description for a report."""
         first = f"{1e3 * self.dt:.3g} ms steps"
         if engine == "pybullet":
             return f"{first}, {self.iterations} iterations"
@@ -73,7 +73,7 @@ class Settings(NamedTuple):
 
 
 def shapes_of(body) -> list[Shape]:
-    """A body's shapes: the box or cylinder that its model is, as large as its spheres, or its few spheres."""
+    """Return the spheres of a body's model as shapes; raise if there are many."""
     model = body.model
     if len(model.radii) <= _MOST_SPHERES:
         return [Shape("sphere", (r,), c) for c, r in zip(model.centers, model.radii.tolist(), strict=True)]
@@ -81,8 +81,8 @@ def shapes_of(body) -> list[Shape]:
 
 
 class Motion(NamedTuple):
-    """A body's principal axes and how they move: place, quaternion (x, y, z, w), velocities in the world's
-    axes, and in its own.
+    """Motion of a body's principal axes: position, quaternion (x, y, z, w), and velocities in the world's
+    axes and in its own axes.
     """
 
     place: np.ndarray
@@ -94,7 +94,7 @@ class Motion(NamedTuple):
 
 
 def _motions(body: PrincipalBody, states: np.ndarray) -> list[Motion]:
-    """Motions from a body's states (n, 13)."""
+    """Return the motion of the principal axes in each of a body's states (n, 13)."""
     states = np.array(states)
     velocity, spin = states[:, VELOCITY], states[:, ANGULAR_VELOCITY]
     turned = Rotation.from_quat(states[:, QUATERNION]) * body.axes
@@ -104,7 +104,7 @@ def _motions(body: PrincipalBody, states: np.ndarray) -> list[Motion]:
 
 
 class ActionEngine:
-    """A scene with actions in an engine; ``shapes`` are those of bodies that `shapes_of` does not know."""
+    """Scene with actions in an engine; ``shapes`` has the shapes of bodies that `shapes_of` refuses."""
 
     def __init__(self, scene, settings: Settings, shapes: Mapping[str, Sequence[Shape]] | None = None):
         self._scene, self._settings = scene, settings
@@ -125,11 +125,11 @@ class ActionEngine:
         return self._scene.friction if partner.friction is None else partner.friction
 
     def _apart(self, a, b):
-        """Whether two bodies are never to touch, as neither moves freely."""
+        """Return whether two bodies never collide, because neither moves freely."""
         return not (self._scene.bodies[a].free or self._scene.bodies[b].free)
 
     def run(self, start: np.ndarray, horizon: float) -> tuple[np.ndarray, float]:
-        """States (B, 13) at the horizon, and the CPU time of the engine's steps [s].
+        """Return the states (B, 13) at the horizon and the CPU time of the engine's steps [s].
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class ActionEngine:
         return self._states(), spent
 
     def _kinematic(self, count):
-        """Motions of each prescribed body before each of so many steps."""
+        """Return the motions of each prescribed body, one for each step."""
         times = self._settings.dt * np.arange(count)
         return {
             k: _motions(self._bodies[k], path_states(self._scene, k, times))
@@ -160,7 +160,7 @@ class ActionEngine:
 
 
 def text_of(values) -> str:
-    """Numbers as the engines' files take them."""
+    """Format numbers for the engines' files."""
     return " ".join(repr(value) for value in np.asarray(values, float).tolist())
 
 

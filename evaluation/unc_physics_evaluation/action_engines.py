@@ -24,7 +24,7 @@ _ENGINES = {"mujoco": MuJoCoActions, "pybullet": PyBulletActions}
 def opened(
     engine: str, scene: Scene, settings: Settings, shapes: Mapping[str, Sequence[Shape]] | None = None
 ) -> Iterator[ActionEngine]:
-    """A scene in an engine.
+    """Return a scene in an engine.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def opened(
     scene : Scene
     settings : Settings
     shapes : mapping of str to sequence of Shape, optional
-        Of bodies that `shapes_of` does not know, by their names.
+        Shapes of the bodies that `shapes_of` refuses, by name.
     """
     made = _ENGINES[engine](scene, settings, shapes)
     try:

@@ -1,4 +1,4 @@
-"""Answers against the truth: which bodies are wrong or good, and whether flags and intervals say so."""
+"""Predictions of bodies against the truth: wrong or good, flagged or not, inside intervals or not."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Moments(NamedTuple):
 
     @property
     def spreads(self) -> tuple[float, float]:
-        """Standard deviations of position [m] and rotation [rad], over all axes together."""
+        """Return the standard deviations of position [m] and rotation [rad] over all axes."""
         variances = np.diagonal(self.covariance)
         position, rotation = (
             max(math.sqrt(max(variances[block].sum(), 0.0)), nothing)
@@ -36,18 +36,18 @@ class Moments(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """How far one body's prediction is from the truth.
+    """Error of one body's prediction.
 
     Attributes
     ----------
     factor : float
-        The larger factor between predicted and true standard deviation, of position or rotation; at least 1.
+        Larger ratio, at least 1, between predicted and true standard deviation of position or rotation.
     mean_error : float
-        Distance of the means over the true standard deviation, of position or rotation, whichever is larger.
+        Larger distance of the means of position or rotation, over the true standard deviation.
     flagged : bool
-        Whether any flag stands.
+        Whether any flag is raised.
     falsely : bool
-        Whether a flag stands that the truth does not confirm.
+        Whether a flag is raised that the truth does not confirm.
     covered : bool
         Whether intervals contain the true means and standard deviations.
     """
@@ -60,17 +60,17 @@ class Answer(NamedTuple):
 
     @property
     def wrong(self) -> bool:
-        """Whether a spread or a mean is off by more than `WRONG`; NaN is."""
+        """Whether the error of a spread or a mean exceeds `WRONG`, or is NaN."""
         return not (self.factor <= WRONG[0] and self.mean_error <= WRONG[1])
 
     @property
     def good(self) -> bool:
-        """Whether spreads and means are within `GOOD`."""
+        """Whether the errors of spreads and means are within `GOOD`."""
         return self.factor <= GOOD[0] and self.mean_error <= GOOD[1]
 
 
 class Counts(NamedTuple):
-    """Numbers of bodies: all, wrong, wrong without flag or interval, good, good and falsely flagged."""
+    """Numbers of bodies: all, wrong, wrong without a flag or interval, good, good but falsely flagged."""
 
     bodies: int
     wrong: int
@@ -80,17 +80,17 @@ class Counts(NamedTuple):
 
     @property
     def wrong_share(self) -> float:
-        """Of all bodies."""
+        """Share of wrong predictions among all bodies."""
         return self.wrong / self.bodies if self.bodies else math.nan
 
     @property
     def silent_share(self) -> float:
-        """Wrong without a flag or an interval that contains the truth, of all bodies."""
+        """Share of silently wrong predictions among all bodies: no flag, no interval with the truth."""
         return self.silent / self.bodies if self.bodies else math.nan
 
     @property
     def false_share(self) -> float:
-        """Falsely flagged, of the good ones."""
+        """Share of falsely flagged predictions among the good ones."""
         return self.false / self.good if self.good else math.nan
 
 
@@ -105,7 +105,7 @@ def distance(predicted: Moments, truth: Moments) -> tuple[float, float]:
 
 
 def count(answers: Iterable[Answer]) -> Counts:
-    """Count bodies by what is said of them."""
+    """Count bodies by category."""
     answers = list(answers)
     wrong = [one for one in answers if one.wrong]
     good = [one for one in answers if one.good]

@@ -1,4 +1,4 @@
-"""What every experiment compares, and how: methods, truths in subsets, W1 to them, paired times."""
+"""Comparisons that experiments share: predictions of all methods, their W1 errors, and paired times."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ CPU_TIME, TIME_RATIO, WALL_TIME = "cpu_time", "cpu_time_over_mc10", "wall_time"
 
 
 def rollout_cost(spheres: int) -> float:
-    """About how long a rollout of a collision takes [s]."""
+    """Estimate the time of a rollout of a collision [s]."""
     return 1e-4 + 1.2e-5 * spheres**0.62
 
 
 def distance_cost(size: int) -> float:
-    """About how long W1 of positions and rotations of two bodies takes, between ``size`` samples each [s]."""
+    """Estimate the time of computing W1 of two bodies' poses between sets of ``size`` samples [s]."""
     return 0.65 * (size / 1000) ** 2.3
 
 
 class Samples(NamedTuple):
-    """A distribution by samples, as Monte Carlo predicts it.
+    """Samples of Return Monte Carlo's prediction.
 
     Attributes
     ----------
     states : (N, B, 13) array
     belief : Belief
-        The Gaussian with their moments.
+        Gaussian with the moments of the samples.
     seed : int
     """
 
@@ -50,13 +50,13 @@ class Samples(NamedTuple):
 
 
 def monte_carlo(scene, belief, horizon, samples, seed) -> Samples:
-    """Monte Carlo's prediction."""
+    """Return Monte Carlo's prediction."""
     prediction = predict(scene, belief, make_propagator(MONTE_CARLO, samples=samples, seed=seed), horizon)
     return Samples(prediction.samples(), prediction.belief, seed)
 
 
 def two_truths(scene, belief, horizon, job: Job) -> tuple[Samples, Samples]:
-    """Independent predictions by Monte Carlo, with as many samples as the job asks of a truth."""
+    """Return two independent reference predictions by Monte Carlo."""
     first, second = (
         monte_carlo(scene, belief, horizon, job.parameters["truth"], job.seed(name))
         for name in ("truth", "second")
@@ -71,14 +71,14 @@ def error_rows(
     predictions: Mapping[tuple[str, int | None], Belief | np.ndarray],
     counts: Sequence[int],
 ) -> list[Row]:
-    """W1 of predictions, of Monte Carlo, of the best single Gaussian and of a second truth, to a truth.
+    """Return W1 from a reference to predictions, Monte Carlo, the best Gaussian, and another reference.
 
     Parameters
     ----------
     job : Job
         Gives the seeds.
     truth, second : Samples
-        Two independent ones, of N samples each.
+        Two independent references of N samples each.
     predictions : mapping of (str, int or None) to Belief or (n, B, 13) array
         By the method's name and number of rollouts: N samples are drawn from a belief; samples are taken as
         they are.
@@ -87,7 +87,7 @@ def error_rows(
 
     Notes
     -----
-    A run of Monte Carlo with n samples is n independent rollouts, so any n of the second truth's are one.
+    Monte Carlo with n samples is n independent rollouts, so any n samples of ``second`` are such a run.
     """
     rows = []
 
@@ -112,7 +112,7 @@ def error_rows(
 def predicted(
     scene, belief, horizon, job: Job, grown: Sequence[int] = ()
 ) -> dict[tuple[str, int | None], Belief | np.ndarray]:
-    """The prediction of every method (`methods`): its samples, or its belief where it has none."""
+    """Return the prediction of every method (`methods`): its samples if it has any, otherwise its belief."""
     answers = {}
     for key, propagator in methods(job, grown).items():
         prediction = predict(scene, belief, propagator, horizon)
@@ -123,7 +123,7 @@ def predicted(
 def predictors(
     scene, belief, horizon, job: Job, counts: Sequence[int], grown: Sequence[int] = ()
 ) -> dict[tuple[str, int | None], Callable]:
-    """Every method (`methods`), and Monte Carlo with each of ``counts``, as functions of a round."""
+    """Return a function of the round for every method (`methods`) and for Monte Carlo with each count."""
     functions = {
         (MONTE_CARLO, count): lambda k, count=count: monte_carlo(
             scene, belief, horizon, count, job.seed(f"round {k}")
@@ -136,7 +136,7 @@ def predictors(
 
 
 def time_rows(functions: Mapping[tuple[str, int | None], Callable], rounds: int) -> list[Row]:
-    """CPU times of whole predictions on one thread, and over Monte Carlo's with ten samples."""
+    """Return CPU times of predictions on one thread, and their ratios to Monte Carlo with ten samples."""
     times = paired(functions, rounds)
     reference = times[MONTE_CARLO, 10]
     return [

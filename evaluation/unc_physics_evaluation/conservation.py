@@ -1,4 +1,4 @@
-"""What a rollout or a prediction keeps: energy, momentum, places, a definite covariance."""
+"""Conservation in rollouts and predictions: energy, momentum, positions at rest, definite covariance."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ LIFT = 1e-3
 
 
 def trajectory(scene: Scene, mean: np.ndarray, steps: int) -> np.ndarray:
-    """States (T, B, 13) of one rollout at every step, up to the first that is no number any more."""
+    """Return the states (T, B, 13) of one rollout at every step, up to the first that is not finite."""
     state, history = mean[None].copy(), histories.fresh(1, scene.world)
     states = [mean.copy()]
     for k in range(steps):
@@ -50,14 +50,13 @@ def trajectory(scene: Scene, mean: np.ndarray, steps: int) -> np.ndarray:
 
 
 def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:
-    """What a rollout, given by its `trajectory`, keeps.
+    """Return the conservation errors of a rollout, given by its `trajectory`.
 
-    Energy gained is the largest on the way, over all that there was at the start and that gravity gave; the
-    energy in contacts counts at the start alone, so that it is never taken for a gain. Where nothing should
-    take energy away, without friction and with elastic contacts, ``energy_change`` is that at the end,
-    contacts included. ``momentum_error`` is the largest, over the largest sum of the sizes of all momenta,
-    where momentum is conserved. ``drift`` is the largest mean speed of a body over the last quarter, in
-    scenes with friction.
+    The gain is the largest during the rollout, over the initial energy plus the work of gravity. Energy in
+    contacts counts at the start only, so that it never appears as a gain. Without friction and with elastic
+    contacts, ``energy_change`` is the change at the end, contacts included. Where momentum is conserved,
+    ``momentum_error`` is its largest error over the largest sum of the bodies' momenta. ``drift`` is the
+    largest mean speed of a body over the last quarter, in scenes with friction.
     """
     finite = np.isfinite(states).all(axis=(1, 2))
     rows = [Row(method, FINITE, "1", float(finite.all()))]
@@ -84,10 +83,10 @@ def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:
 def prediction_rows(
     method: str, scene: Scene, beliefs: Sequence[Belief], times: Sequence[float]
 ) -> list[Row]:
-    """What a prediction keeps, from its beliefs at these times, the first of them that which it began with.
+    """Return the conservation errors of a prediction, from its beliefs; the first is the initial one.
 
-    Energy is the expected one, the spread's included, and so at least what it would be if all turned about
-    the axes of least inertia: where rotations are spread out, means and covariances tell no more.
+    Energy is a lower bound of the expected energy, with the spread's part: rotation counts as if about the
+    axis of least inertia. With spread-out rotations, means and covariances determine no more.
     """
     means = np.array([belief.mean for belief in beliefs])
     height = height_energy(scene, means)
@@ -107,11 +106,10 @@ def sampled_rows(
     rollouts: Iterable[np.ndarray],
     times: Sequence[float],
 ) -> list[Row]:
-    """As `prediction_rows`, of a prediction that rests on rollouts, from their states (N, B, 13) at these
-    times.
+    """Return the rows of `prediction_rows` for a prediction by rollouts, from their states (N, B, 13).
 
-    Energy and momentum are the means of their own: moments of an answer that is estimated from them are
-    uncertain by more than what a body at rest has of either.
+    Energy and momentum are means over the rollouts. Those of the estimated moments would be uncertain by
+    more than the energy or momentum of a body at rest.
     """
     height, total, means, stored = [], [], [], None
     for states in rollouts:
@@ -132,14 +130,14 @@ def _eigenvalue_row(method, beliefs):
 
 
 def least_eigenvalue(belief: Belief) -> float:
-    """The covariance's least eigenvalue over its largest; 0 where nothing is uncertain."""
+    """Return the covariance's least eigenvalue over its largest; 0 if nothing is uncertain."""
     values = np.linalg.eigvalsh(belief.covariance)
     largest = np.max(values, initial=0.0)
     return float(np.min(values, initial=0.0) / largest) if largest > 0.0 else 0.0
 
 
 def _lossless(scene):
-    """Whether nothing should take energy away."""
+    """Return whether the scene conserves energy."""
     friction, restitution = scene.materials
     return scene.damping == 0.0 and not friction.any() and (restitution == 1.0).all()
 
@@ -149,7 +147,7 @@ def _gain(scene, total, height, stored):
 
 
 def _scale(scene, total, height, stored):
-    """Energy that there was at the start, and that gravity gave [J]."""
+    """Return the initial energy plus the work of gravity [J]."""
     bodies = [scene.bodies[k] for k in scene.moving]
     lifting = (
         LIFT * np.linalg.norm(scene.gravity) * sum(body.mass * body.model.bounding_radius for body in bodies)
@@ -168,7 +166,7 @@ def _momentum_rows(method, scene, states, times):
 
 
 def _spread_energy(scene, belief):
-    """Kinetic energy that the spread of the velocities adds to that of the mean [J]."""
+    """Return the kinetic energy that the spread of velocities adds to the mean's [J]."""
     energy = 0.0
     for k, P in zip(scene.moving, belief.blocks, strict=True):
         body, R = scene.bodies[k], rotation_matrices(belief.mean[k, QUATERNION])

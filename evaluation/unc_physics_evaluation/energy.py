@@ -1,4 +1,4 @@
-"""Energy and momentum of states, contacts included: what a run without losses has to keep."""
+"""Energy and momentum of states, contacts included, which a rollout without losses conserves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 def kinetic_energy(scene: Scene, states: np.ndarray) -> np.ndarray:
-    """(...,): kinetic energy of states (..., B, 13) [J]."""
+    """Return the kinetic energy (...,) of states (..., B, 13) [J]."""
     moving = scene.moving
     mass, inertia = _masses(scene)
     x = states[..., moving, :]
@@ -22,12 +22,12 @@ def kinetic_energy(scene: Scene, states: np.ndarray) -> np.ndarray:
 
 
 def height_energy(scene: Scene, states: np.ndarray) -> np.ndarray:
-    """(...,): potential energy in gravity of states (..., B, 13) [J]."""
+    """Return the potential energy in gravity (...,) of states (..., B, 13) [J]."""
     return -np.sum(_masses(scene)[0] * (states[..., scene.moving, POSITION] @ scene.gravity), -1)
 
 
 def contact_energy(scene: Scene, state: np.ndarray) -> float:
-    """What contacts store at a state (B, 13) [J]: the penalty force, integrated over the depth of each."""
+    """Return the energy in contacts at a state (B, 13) [J]: the penalty force integrated over each depth."""
     spheres = [
         (
             state[k, POSITION] + body.model.centers @ rotation_matrices(state[k, QUATERNION]).T,
@@ -54,12 +54,12 @@ def contact_energy(scene: Scene, state: np.ndarray) -> float:
 
 
 def momentum(scene: Scene, states: np.ndarray) -> np.ndarray:
-    """(..., 3): linear momentum of states (..., B, 13) [kg m/s]."""
+    """Return the linear momentum (..., 3) of states (..., B, 13) [kg m/s]."""
     return np.einsum("k,...ki->...i", _masses(scene)[0], states[..., scene.moving, VELOCITY])
 
 
 def surface_distance(element, points: np.ndarray) -> np.ndarray:
-    """(...,): signed distance of points (..., 3) from the surface of an element [m], negative inside."""
+    """Return the signed distance (...,) of points (..., 3) from an element's surface [m], negative inside."""
     return element.surface(points)[0]
 
 
@@ -69,7 +69,7 @@ def _masses(scene):
 
 
 def _lens_integral(d, R, r):
-    """Integral of the lens's volume over the distance of the centres, from d to where the spheres part."""
+    """Integrate the lens's volume over the distance of the centres, from d until the spheres separate."""
     inner, outer = np.abs(R - r), R + r
     low = np.clip(d, inner, outer)
     s = low[..., None] + 0.5 * (outer - low)[..., None] * (1.0 + _NODES)
@@ -84,7 +84,7 @@ def _lens_integral(d, R, r):
 
 
 def _cap_integral(h, r):
-    """Integral of the cap's volume over its depth, from 0 to h."""
+    """Integrate the cap's volume over its depth, from 0 to h."""
     cap = np.clip(h, 0.0, 2.0 * r)
     return (
         np.pi * (r * cap**3 / 3.0 - cap**4 / 12.0) + np.maximum(h - 2.0 * r, 0.0) * 4.0 / 3.0 * np.pi * r**3

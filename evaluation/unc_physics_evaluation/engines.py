@@ -1,13 +1,13 @@
-"""Rollouts of a scene in PyBullet and in MuJoCo: the same masses, inertias, states, damping, environment and
-time step.
+"""Rollouts of a scene in PyBullet and MuJoCo.
 
-Shapes are the same spheres, or what people usually give these engines: a few convex pieces, or one box or
-cylinder. The geometry "primitive" is the box or the cylinder that a model is, and convex pieces of a model
-that is neither. In a scene without friction both engines get what is fastest for them among the settings
-under which bodies collide as ours do: no friction, elastic contact. In one with friction they keep their own
-contact laws, as people run them. Things sleep where the scene's may, nothing is drawn. Steps are taken in
-one call, without Python between them. Bodies are given in their principal axes,
-in which both engines keep the inertia.
+Masses, inertias, states, damping, environment and time step are the scene's.
+
+Shapes are the scene's spheres, or the usual ones of these engines: a few convex pieces, or one box or
+cylinder. With the geometry "primitive", a model that is a box or a cylinder has that shape, and any other
+model has convex pieces. In a scene without friction both engines have elastic contacts without friction, with
+their fastest settings. In a scene with friction they have their own contact laws and default settings. Bodies
+sleep if the scene allows it, and there is no rendering. All steps run in one call. Bodies are given in their
+principal axes, in which both engines store the inertia.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ GEOMETRIES = ("spheres", "pieces", "box")
 #: Shapes of the models that are one primitive.
 PRIMITIVES = {"salt_box": "box", "can": "cylinder", "cube": "box", "block": "box"}
 PIECES = 16  # convex ones of a body
-_DIRECTIONS = 64  # in which a piece's outline is taken, and so its vertices at most
+_DIRECTIONS = 64  # of a piece's support points, and so the largest number of its vertices
 _CONDIM = {False: 1, True: 3}  # MuJoCo's: without and with friction
-_TIME_CONSTANT = 0.02  # s, of MuJoCo's contacts unless told otherwise
+_TIME_CONSTANT = 0.02  # s, of MuJoCo's contacts by default
 
 
 class PrincipalBody:
@@ -52,8 +52,8 @@ class PrincipalBody:
 
     Notes
     -----
-    ``pieces`` cuts the spheres into clusters and takes the convex hull of each, as a convex decomposition of
-    a mesh would; ``box`` is the uniform box of the same mass and inertia.
+    ``pieces`` divides the spheres into clusters and returns the convex hull of each, like a convex
+    decomposition of a mesh; ``box`` is the uniform box of the same mass and inertia.
     """
 
     def __init__(self, body):
@@ -65,16 +65,16 @@ class PrincipalBody:
         self.axes = Rotation.from_matrix(axes)
 
     def box(self):
-        """Half sides (3,) [m]."""
+        """Return the half sides (3,) of the box of the same mass and inertia [m]."""
         a, b, c = self.inertia / self.mass
         return np.sqrt(1.5 * np.array([b + c - a, c + a - b, a + b - c]))
 
     def own_geometry(self, geometry):
-        """How this body is given where a scene's are asked for as ``geometry``."""
+        """Return the geometry of this body if ``geometry`` is requested for the scene."""
         return "pieces" if geometry == "primitive" and self._model.name not in PRIMITIVES else geometry
 
     def primitive(self):
-        """Kind, sides [m], middle (3,) [m] and orientation of the box or cylinder that the model is."""
+        """Return kind, sides [m], centre (3,) [m] and orientation of the model's box or cylinder."""
         low, high = self._model.bounds
         return (
             PRIMITIVES[self._model.name],
@@ -84,7 +84,7 @@ class PrincipalBody:
         )
 
     def pieces(self):
-        """Vertices (k, 3) [m] of each convex piece."""
+        """Return the vertices (k, 3) of each convex piece [m]."""
         _, cluster = kmeans2(
             self.centers, min(PIECES, len(self.centers)), minit="++", rng=np.random.default_rng(0)
         )
@@ -101,11 +101,11 @@ class PrincipalBody:
         return made
 
     def orientation(self, state):
-        """Rotation from principal axes to the world, of one body's state (13,)."""
+        """Return the rotation from principal axes to the world for one body's state (13,)."""
         return Rotation.from_quat(state[QUATERNION]) * self.axes
 
     def state(self, position, velocity, rotation, angular_velocity):
-        """One body's state (13,) from what an engine says about the principal axes."""
+        """Return one body's state (13,) from an engine's values for the principal axes."""
         return np.concatenate([position, velocity, (rotation * self.axes.inv()).as_quat(), angular_velocity])
 
 
@@ -114,9 +114,9 @@ class PyBulletRollouts:
 
     Notes
     -----
-    Bodies come from URDF text, because ``createCollisionShapeArray`` keeps 16 spheres and says nothing. As
-    bodies in maximal coordinates they take the solver for free bodies; the other one, for articulated bodies,
-    is no faster and gains energy with elastic contacts.
+    Bodies are read from URDF text, because ``createCollisionShapeArray`` silently keeps only 16 spheres.
+    Maximal coordinates select the solver for free bodies. The solver for articulated bodies is no faster, and
+    gains energy with elastic contacts.
     """
 
     def __init__(self, scene, geometry="spheres"):
@@ -156,7 +156,7 @@ class PyBulletRollouts:
         return self._shapes
 
     def _fixed(self, solid):
-        """A fixed body that is a primitive of the environment."""
+        """Create a fixed body for an element of the environment."""
         shape = self._client.createCollisionShape(**_bullet_shape(solid, self._client))
         place = {"basePosition": solid.position.tolist()}
         if not isinstance(solid, Plane):  # whose shape is given in the world's axes
@@ -192,7 +192,7 @@ class PyBulletRollouts:
 
 
 def bullet_states(client, bodies, handles) -> np.ndarray:
-    """States (B, 13) of principal bodies in PyBullet, by their handles."""
+    """Return the states (B, 13) of principal bodies in PyBullet, by their handles."""
     states = []
     for body, handle in zip(bodies, handles, strict=True):
         position, q = client.getBasePositionAndOrientation(handle)
@@ -203,7 +203,7 @@ def bullet_states(client, bodies, handles) -> np.ndarray:
 
 @singledispatch
 def _bullet_shape(solid, client):
-    """Arguments of PyBullet's shape for an element of the environment."""
+    """Return the arguments of PyBullet's shape for an element of the environment."""
     raise _no_shape(solid)
 
 
@@ -237,7 +237,7 @@ def _no_shape(solid):
 
 
 def _bullet_contact(scene):
-    """Contact parameters of each body; Bullet multiplies those of the two that touch."""
+    """Return the contact parameters of each body; Bullet multiplies those of touching bodies."""
     if scene.friction is None:
         return {"lateralFriction": 0.0, "restitution": 1.0, "contactProcessingThreshold": 0.0}
     return {"lateralFriction": math.sqrt(scene.friction), "restitution": math.sqrt(scene.restitution or 0.0)}
@@ -282,7 +282,7 @@ def _urdf(body, geometry, folder):
 
 
 def _obj(vertices):
-    """A convex hull as a mesh file."""
+    """Return a convex hull as the text of a mesh file."""
     lines = ["v {!r} {!r} {!r}".format(*vertex) for vertex in vertices.tolist()]
     lines += ["f {} {} {}".format(*(corners + 1)) for corners in ConvexHull(vertices).simplices]
     return "\n".join(lines) + "\n"
@@ -293,10 +293,10 @@ class MuJoCoRollouts:
 
     Notes
     -----
-    Without friction contacts are springs without damper, so they are elastic; its solver shares the mass
-    among the contacts. With friction they are MuJoCo's own, critically damped, in which there is no
-    coefficient of restitution: a cube that falls flat comes back with 0.12 of its speed at steps of 1/240 s.
-    The cone of friction is the elliptic one; the pyramid that MuJoCo takes unless told otherwise has 0.7 of
+    Without friction, contacts are springs without dampers, thus elastic; the solver distributes the mass over
+    the contacts. With friction, contacts are MuJoCo's critically damped ones without a coefficient of
+    restitution: a cube that falls flat rebounds with 0.12 of its speed at steps of 1/240 s. The friction cone
+    is elliptic; MuJoCo's default pyramid has 0.7 of
     the friction halfway between its axes.
     """
 
@@ -420,14 +420,14 @@ def _mjcf(scene, bodies, geometry):
 
 
 def _mujoco_fixed(solid):
-    """A geom of the world that is a primitive of the environment."""
+    """Return the geom of an element of the environment."""
     size, turned = _mujoco_text(_mujoco_size(solid)), _mujoco_quaternion(Rotation.from_matrix(solid.rotation))
     return f'<geom type="{solid.shape}" size="{size}" pos="{_mujoco_text(solid.position)}" quat="{turned}"/>'
 
 
 @singledispatch
 def _mujoco_size(solid):
-    """MuJoCo's size of an element of the environment; its names of the shapes are ours."""
+    """Return MuJoCo's size of an element of the environment; its names of shapes equal ours."""
     raise _no_shape(solid)
 
 

@@ -1,4 +1,4 @@
-"""Everyday motions of single bodies, with tight and wide beliefs: rest, sliding, bounces, rolling, a push."""
+"""Everyday motions of single bodies with tight and wide beliefs: rest, slides, bounces, rolling, pushes."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class Case(NamedTuple):
 
 
 def names() -> list[str]:
-    """Names of all motions, each with each belief."""
+    """Return the names of all motions with each belief."""
     return [f"{motion}, {belief}" for motion in CASES for belief in BELIEFS]
 
 
 def case(name: str, belief: str) -> Case:
-    """A case by its name, with one of the beliefs."""
+    """Return a case by its name, with one of the beliefs."""
     scene, mean, horizon = (CASES | ACTION_CASES)[name]()
     position, rotation, velocity = BELIEFS[belief]
     P = spread(1, position=position, rotation=rotation, velocity=velocity)
@@ -47,25 +47,25 @@ def case(name: str, belief: str) -> Case:
 
 
 def _everyday(model, floor=None, at_rest=False, **physics):
-    """One body of a model on a plane."""
+    """Return a case of one body on a plane."""
     body = RigidBody("body", model, MASS, at_rest=at_rest)
     return Scene.everyday([body], exact=True, environment=[floor or Plane(name="floor")], **physics)
 
 
 def lowest(model: SpherePacking, q=(0.0, 0.0, 0.0, 1.0)) -> float:
-    """How far a model's lowest point is below its centre of mass [m]."""
+    """Return the depth of a model's lowest point below its centre of mass [m]."""
     return float(np.max(model.radii - model.centers @ rotation_matrix(q)[2]))
 
 
 def _state(height, velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)):
-    """A state (1, 13) that high above the origin."""
+    """Return a state (1, 13) at a height above the origin."""
     mean = resting([[0.0, 0.0, height]])
     mean[0, VELOCITY], mean[0, ANGULAR_VELOCITY], mean[0, QUATERNION] = velocity, spin, q
     return mean
 
 
 def brick() -> SpherePacking:
-    """The model that lies, slides and lands."""
+    """Return the model that lies, slides and lands."""
     return load_model("brick").prefix(500)
 
 
@@ -123,7 +123,7 @@ def _can_rolls():
 
 
 def _finger():
-    """A finger comes along x beside the middle, touches after about 0.1 s, and pushes for 2 cm."""
+    """Return a finger that moves along x beside the middle, touches after about 0.1 s and pushes 2 cm."""
     model = brick()
     reach, height = float(np.max(model.radii - model.centers[:, 0])) + 0.02, lowest(model)
     line = PosePath(

@@ -1,4 +1,4 @@
-"""Everyday scenes at random: edges, piles, rare hits, releases, pushes and uncertain materials."""
+"""Random everyday scenes: edges, piles, rare hits, releases, pushes and uncertain materials."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _STDS = {"position": (1e-3, 1.5e-2), "rotation": (1e-2, 0.15), "velocity": (1e-2
 
 
 def scene_at_random(number: int) -> Case:
-    """Return the scene of that number; kinds take turns (`KINDS`)."""
+    """Return the scene of a number; consecutive numbers cycle through `KINDS`."""
     names = list(KINDS)
     rng = np.random.default_rng([40, number])
     return KINDS[names[number % len(names)]](rng)
 
 
 def kind_of(number: int) -> str:
-    """Return the name of the kind of the scene of that number."""
+    """Return the kind of the scene of a number."""
     return list(KINDS)[number % len(KINDS)]
 
 
 def _edge(rng):
-    """Stands still with its centre of mass near the edge of a table, to which it may tip."""
+    """Return an object at rest with its centre of mass near the edge of a table, over which it may tip."""
     model = _model(rng)
     stds = _stds(rng)
     mean = _standing(rng, model)
@@ -49,7 +49,7 @@ def _edge(rng):
 
 
 def _pile(rng):
-    """Two or three things, each put down above the last."""
+    """Return two or three objects, each released above the previous one."""
     models = [_model(rng) for _ in range(rng.integers(2, 4))]
     states, top = [], 0.0
     for model in models:
@@ -63,7 +63,7 @@ def _pile(rng):
 
 
 def _rare_hit(rng):
-    """Thrown past a post, at 1.5 to 3.5 standard deviations."""
+    """Return an object that is thrown past a post at 1.5 to 3.5 standard deviations."""
     model = _model(rng)
     stds = _stds(rng)
     mean = state_above(rng, model, rng.uniform(0.05, 0.2), upright=False)
@@ -78,7 +78,7 @@ def _rare_hit(rng):
 
 
 def _release(rng):
-    """Held by a hand that opens at an uncertain time while it moves, above a table near its edge."""
+    """Return an object in a moving hand that opens at an uncertain time, above a table near its edge."""
     model = _model(rng)
     mean = state_above(rng, model, log_uniform(rng, *_HEIGHTS), upright=bool(rng.integers(2)))
     mean[0, POSITION] += rng.uniform(-0.15, 0.0), 0.0, _TABLE
@@ -94,7 +94,7 @@ def _release(rng):
 
 
 def _push(rng):
-    """A finger pushes what stands on a table by some centimetres, beside its middle."""
+    """Return an object on a table that a finger pushes by some centimetres, beside its middle."""
     model = _model(rng)
     mean = _standing(rng, model)
     mean[0, POSITION] += -0.2, 0.0, _TABLE
@@ -115,7 +115,7 @@ def _push(rng):
 
 
 def _uncertain_materials(rng):
-    """Slides or falls on a table whose friction, as the body's restitution and mass, is uncertain."""
+    """Return an object that slides or falls on a table, with uncertain friction, restitution and mass."""
     model = _model(rng)
     body = RigidBody("body", model, restitution=0.3, restitution_std=0.1, mass_std=0.1 * (model.mass or 1.0))
     upright = bool(rng.integers(2))
@@ -142,7 +142,7 @@ def _model(rng):
 
 
 def _standing(rng, model):
-    """A state (1, 13) upright, just above z = 0."""
+    """Return an upright state (1, 13) just above z = 0."""
     return state_above(rng, model, 1e-4, upright=True)
 
 

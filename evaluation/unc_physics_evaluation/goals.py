@@ -1,4 +1,4 @@
-"""Figures beside their goals: tables that say met or missed, and one sentence on all of them."""
+"""Measured values and their goals: tables of met and missed goals, and one sentence on all of them."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from .tables import number, table
 
 
 class Figure(NamedTuple):
-    """One figure of a report.
+    """One measured value of a report.
 
     Attributes
     ----------
     what, case : str
-        What was measured, and on what.
+        Quantity and case.
     value : float
     unit : str
-        ``x`` for how many times more.
+        ``x`` for a ratio.
     goal : float or None
-        None where the figure only informs.
+        None without a goal.
     at_most : bool
         Whether the goal is an upper bound.
     note : str
-        Other figures of the same measurement, in words.
+        Other values of the same measurement, in words.
     """
 
     what: str
@@ -39,20 +39,20 @@ class Figure(NamedTuple):
 
     @property
     def met(self) -> bool | None:
-        """Whether the goal is reached; None without a goal."""
+        """Whether the goal is met; None without a goal."""
         if self.goal is None:
             return None
         return bool(self.value <= self.goal if self.at_most else self.value >= self.goal)
 
     def cells(self) -> list[str]:
-        """Its line in a table."""
+        """Return the line of the table."""
         bound = "" if self.goal is None else f"{'≤' if self.at_most else '≥'} {self.goal:g}, "
         verdict = {None: "", True: f"{bound}met", False: f"**{bound}missed**"}[self.met]
         return [self.what, self.case, f"{number(self.value)} {self.unit}".strip(), verdict, self.note]
 
 
 def goal_tables(sections: Mapping[str, Sequence[Figure]]) -> str:
-    """A table of each section that has figures, below its heading."""
+    """Return a heading and a table for each section with values."""
     head = ["", "", "", "goal", ""]
     return "\n".join(
         f"{heading}:\n\n{table(head, [figure.cells() for figure in figures])}"
@@ -62,7 +62,7 @@ def goal_tables(sections: Mapping[str, Sequence[Figure]]) -> str:
 
 
 def goals_met_by(sections: Callable[[Results], Mapping[str, Sequence[Figure]]]) -> Callable[[Results], str]:
-    """An experiment's verdict from its figures: one sentence on their goals."""
+    """Return a function for an experiment's verdict: one sentence on its goals."""
 
     def verdict(results):
         judged = [
@@ -76,5 +76,5 @@ def goals_met_by(sections: Callable[[Results], Mapping[str, Sequence[Figure]]]) 
 
 
 def ratio(slow: Rows, fast: Rows) -> float:
-    """Median over the rounds of how many times longer one took than the other."""
+    """Return the median ratio of two times over the rounds."""
     return float(np.median(slow.values() / fast.values()))

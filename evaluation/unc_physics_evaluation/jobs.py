@@ -1,4 +1,4 @@
-"""Jobs: the pieces of a sweep, known and seeded by what they compute, wherever they run."""
+"""Jobs, the parts of a sweep: what a job computes determines its key and its seeds."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Job:
-    """A piece of an experiment that runs by itself.
+    """Part of an experiment that runs independently.
 
     Attributes
     ----------
     experiment : str
         Name of the experiment, a module in `experiments`.
     parameters : mapping of str to str, int or float
-        All that the results depend on.
+        Everything that the results depend on.
     cost : float
-        About how long it takes on one thread [s]; for the order of work and the time left only.
+        Estimated time on one thread [s], for the order of jobs and the remaining time.
     alone : bool
-        Whether it measures wall time on all threads, so that nothing else should run.
+        Whether no other job may run, because wall time on all threads is measured.
     """
 
     experiment: str
@@ -33,30 +33,30 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Text that tells the job from every other of its experiment."""
+        """Unique text of the job within its experiment."""
         return " ".join(f"{name}={value}" for name, value in self.parameters.items())
 
     def seed(self, purpose: str) -> int:
-        """A seed of 32 bits for one purpose within this job."""
+        """Return a seed of 32 bits for one purpose within this job."""
         digest = hashlib.sha256(f"{self.experiment} {self.key} {purpose}".encode()).digest()
         return int.from_bytes(digest[:4], "little")
 
 
 class Row(NamedTuple):
-    """One figure.
+    """One measured value.
 
     Attributes
     ----------
     method : str
-        Name of a propagator or of what is compared with it (`methods`).
+        Name of a propagator or of another method (`methods`).
     quantity, unit : str
     value : float
     samples : int or None
-        Of Monte Carlo.
+        Number of Monte Carlo's samples.
     replicate : int
-        Which of several measurements of the same thing.
+        Number of the repeated measurement.
     seed : int or None
-        Of the draws behind it; None where nothing is drawn.
+        Seed of the random numbers; None without any.
     """
 
     method: str
@@ -70,7 +70,7 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a job yields: rows, and arrays by name where a picture needs them."""
+    """Result of a job: rows, and named arrays for pictures."""
 
     rows: list[Row]
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
@@ -78,18 +78,18 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Settings:
-    """What a user can choose about a sweep.
+    """A user's options for a sweep.
 
     Attributes
     ----------
     quick : bool
-        Whether a first look in two minutes is wanted, in place of results.
+        Whether to run a reduced sweep of two minutes.
     seed : int
-        A sweep with another one is independent.
+        Sweeps with different seeds are independent.
     meshes : str, optional
-        Folder of the meshes that are no part of the repository.
+        Folder of meshes that are not in the repository.
     data : str, optional
-        Folder of recorded motions, in place of the package's (`recorded_sets`).
+        Folder of recorded motions instead of the package's (`recorded_sets`).
     """
 
     quick: bool = False
@@ -98,6 +98,6 @@ class Settings:
     data: str | None = None
 
     def parameters(self, **parameters) -> dict:
-        """A job's parameters, those that all jobs share included."""
+        """Return a job's parameters, including those that all jobs share."""
         # the seeds of published results depend on this key
         return {**parameters, "distance": "exact", "base_seed": self.seed}

@@ -1,4 +1,4 @@
-"""Whether predicted spreads are right, and whether the flags of a prediction say so."""
+"""Comparison of predicted spreads and flags with the truth."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ SHAPE = {"outcomes", "mean_penetration", "rotation_std"}
 
 
 class Judged(NamedTuple):
-    """A body's prediction against the truth.
+    """Comparison of a body's prediction with the truth.
 
     Attributes
     ----------
     position, rotation : float
-        Predicted spread over the true one; 1 where both are nothing, infinite where only the true one is.
+        Predicted spread over the true one; 1 if both are 0, infinite if only the true one is 0.
     bad : bool
-        Whether one of them is off by more than a factor of 2, or no number, or the truth is none.
+        Whether a ratio differs from 1 by more than a factor of 2, or a value is not finite.
     flagged : bool
-        Whether a flag is raised; of a good prediction, one that the truth does not confirm.
+        Whether a flag is raised; for a good prediction, only flags that the truth does not confirm count.
     """
 
     position: float
@@ -37,7 +37,7 @@ class Judged(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """How many predictions were bad and good, and of each how many were flagged."""
+    """Numbers of bad and of good predictions, and of flagged ones among each."""
 
     bad: int
     good: int
@@ -53,11 +53,11 @@ def judge(
     confirmed: AbstractSet[str] = frozenset(),
     impossible: bool = False,
 ) -> Judged:
-    """Compare spreads (position [m], rotation [rad]) with the true ones, of a body of that extent [m].
+    """Compare spreads (position [m], rotation [rad]) with the true ones for a body of an extent [m].
 
-    ``reasons`` are the measures that raise flags. Those that are ``confirmed`` do not doubt right spreads.
-    What is ``impossible``, because bodies go through each other or rollouts gain energy, is bad however well
-    the spreads agree.
+    ``reasons`` are the measures that raise flags. Measures in ``confirmed`` are no false flags of right
+    spreads. An ``impossible`` prediction, with bodies that pass through each other or rollouts that gain
+    energy, is always bad.
     """
     position = _ratio(predicted[0], truth[0], POSITION_FLOOR * extent)
     rotation = _ratio(predicted[1], truth[1], ROTATION_FLOOR)
@@ -66,7 +66,7 @@ def judge(
 
 
 def any_of(judged) -> Judged:
-    """Several bodies as one, which is bad or flagged if any of them is; with their worst ratios."""
+    """Combine bodies into one, which is bad or flagged if any of them is, with their worst ratios."""
     judged = list(judged)
     return Judged(
         worst(one.position for one in judged),
@@ -77,7 +77,7 @@ def any_of(judged) -> Judged:
 
 
 def rates(judged) -> Rates:
-    """Of any number of predictions."""
+    """Count bad, good and flagged predictions."""
     judged = list(judged)
     bad = [one for one in judged if one.bad]
     good = [one for one in judged if not one.bad]
@@ -85,7 +85,7 @@ def rates(judged) -> Rates:
 
 
 def worst(ratios) -> float:
-    """The ratio that is farthest from 1, in either direction; NaN counts as farthest."""
+    """Return the ratio that is farthest from 1 in either direction; NaN counts as farthest."""
     return max(ratios, key=lambda ratio: math.inf if not ratio > 0.0 else abs(math.log(ratio)))
 
 

@@ -1,4 +1,4 @@
-"""Predictions without physics: outcomes of the other motions, and an object that stays where it is."""
+"""Predictions without physics: the other motions' outcomes, and an object that does not move."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _HEADS = 0.2  # m/s, from which a throw has a direction
 
 
 def marginal_prediction(test: Recorded, others: Sequence[Recorded]) -> list[np.ndarray]:
-    """States (n, 13) at a motion's times: how others moved and turned, in the axes of their headings."""
+    """Return states (n, 13) at a motion's times: other motions' displacements along their headings."""
     heading, first, found = _heading(test), test.start.state, []
     moves = [_moves(one) for one in others]
     for k in range(len(test.times)):
@@ -31,18 +31,18 @@ def marginal_prediction(test: Recorded, others: Sequence[Recorded]) -> list[np.n
 
 
 def still_prediction(test: Recorded) -> list[np.ndarray]:
-    """One state (1, 13) at each of a motion's times: that of its start."""
+    """Return the motion's initial state (1, 13) for each of its times."""
     return [test.start.state[None] for _ in test.times]
 
 
 def _heading(one):
-    """Rotation about the vertical that takes x to where a motion heads."""
+    """Return the rotation about the vertical from x to a motion's heading."""
     x, y, _ = one.start.state[VELOCITY]
     return Rotation.from_euler("z", np.arctan2(y, x) if np.hypot(x, y) > _HEADS else 0.0)
 
 
 def _moves(one):
-    """How far a motion went (3,), and how it turned, at each of its times, in the axes of its heading."""
+    """Return a motion's displacement (3,) and rotation at each of its times, in the axes of its heading."""
     back, first = _heading(one).inv(), Rotation.from_quat(one.start.state[QUATERNION])
     return [
         (

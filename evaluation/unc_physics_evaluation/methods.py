@@ -1,4 +1,4 @@
-"""What is compared, and how it is written and drawn: all propagators, limits and other engines."""
+"""Compared methods with labels and colours: all propagators, limits and other engines."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RUNS = {"cloud": (16, 32, 64)}
 
 
 class Look(NamedTuple):
-    """How a method is written and drawn, in Okabe and Ito's colours for colour-blind readers."""
+    """Label and line style of a method, in Okabe and Ito's colours for colour-blind readers."""
 
     label: str
     color: str
@@ -52,7 +52,7 @@ _GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
 
 
 def methods(job: Job, grown: Sequence[int] = ()) -> dict[tuple[str, int | None], Propagator]:
-    """All propagators but Monte Carlo, with their own options and each of `RUNS`, then the variants.
+    """Return all propagators except Monte Carlo, with default options and each of `RUNS`, and the variants.
 
     Anytime propagators add rollouts until they are accurate enough, or have each of the numbers in ``grown``.
     """
@@ -69,7 +69,7 @@ def methods(job: Job, grown: Sequence[int] = ()) -> dict[tuple[str, int | None],
 
 
 def label(method: str, samples: int | None = None) -> str:
-    """A method's name for people."""
+    """Return a method's label."""
     if method == MONTE_CARLO and samples is not None:
         return f"MC-{samples}"
     if samples is not None and method in PROPAGATORS:
@@ -78,7 +78,7 @@ def label(method: str, samples: int | None = None) -> str:
 
 
 def color(method: str, samples: int | None = None) -> str:
-    """A method's colour; Monte Carlo with more samples is darker."""
+    """Return a method's colour; Monte Carlo with more samples is darker."""
     if method == MONTE_CARLO and samples in _GREYS:
         return _GREYS[samples]
     return LOOKS[method].color

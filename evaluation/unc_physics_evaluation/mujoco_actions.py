@@ -14,7 +14,7 @@ _MOCAP = ' mocap="true"'
 
 
 class MuJoCoActions(ActionEngine):
-    """In MuJoCo: elliptic cones, Newton's method, friction of each pair of shapes given."""
+    """Scene in MuJoCo: elliptic cones, Newton's method, and the friction of each pair of shapes."""
 
     def _make(self):
         import mujoco
@@ -118,7 +118,7 @@ class MuJoCoActions(ActionEngine):
 
 
 def _geom(name, shape, surface):
-    """A geom of a body; ``surface`` tells the compiler that its surface may move."""
+    """Return a geom of a body; ``surface`` marks one whose surface may move."""
     size = {"box": [0.5 * side for side in shape.size]}.get(shape.kind, shape.size)
     if shape.kind == "cylinder":
         size = shape.size[0], 0.5 * shape.size[1]
@@ -130,7 +130,7 @@ def _geom(name, shape, surface):
 
 
 def _solid(name, solid):
-    """A geom of the world: a plane."""
+    """Return the geom of a plane."""
     check_solid(solid)
     q = text_of(Rotation.from_matrix(solid.rotation).as_quat()[[3, 0, 1, 2]])
     return f'<geom name="{name}" type="plane" size="0 0 1" pos="{text_of(solid.position)}" quat="{q}"/>'

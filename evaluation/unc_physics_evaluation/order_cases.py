@@ -50,32 +50,32 @@ _CERTAIN = dict.fromkeys(
 
 
 class Case(NamedTuple):
-    """A rollout whose end is known.
+    """A rollout with a known final state.
 
     Attributes
     ----------
     title : str
     unit : str
-        Of the error.
+        Unit of the error.
     order : int or None
-        Least order that is asked for; None where the motion is not smooth.
+        Required order; None if the motion is not smooth.
     horizon : float
         [s]; a multiple of 0.05 s, so that all time steps fit in.
     scene : Scene
         Its time step is the caller's.
     start : (B, 13) array
     measure : callable
-        What is compared, from the states (B, 13) at the end.
+        Function of the final states (B, 13) that is compared.
     answer : float or array
         The exact value of ``measure``.
     floor : float
-        Errors up to this say nothing about the time step.
+        Smaller errors do not depend on the time step.
     reason : str
-        What the floor comes from.
+        Cause of the floor.
     reference : str
-        What the answer comes from.
+        Source of the answer.
     geometry : str
-        What the bodies are in other engines.
+        Geometry of the bodies in other engines.
     """
 
     title: str
@@ -114,7 +114,7 @@ def end_states(case: Case, engine: str) -> np.ndarray:
 
 
 def order_case(name: str, engine: str, dt: float) -> Case:
-    """Return a case of `CASES` as an engine has its bodies: only ours has rounded corners."""
+    """Return a case of `CASES` for an engine; only in ours the bodies have rounded corners."""
     return CASES[name](dt, CORNER if engine == OURS else 0.0)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Choice(NamedTuple):
-    """A method with what it costs and how far off it is.
+    """Time and error of a method.
 
     Attributes
     ----------
@@ -16,7 +16,7 @@ class Choice(NamedTuple):
     time : float
         [s]
     error : float
-        Over the floor.
+        Error over the floor.
     scatter : (float, float) or None
         Quartiles of the error.
     """
@@ -29,7 +29,7 @@ class Choice(NamedTuple):
 
 
 def front(choices: Iterable[Choice]) -> list[Choice]:
-    """Those choices that no other beats in both time and error, the fastest first."""
+    """Return the choices that no other one beats in both time and error, fastest first."""
     best: list[Choice] = []
     for choice in sorted(choices, key=lambda c: (c.time, c.error)):
         if not best or choice.error < best[-1].error:

@@ -1,4 +1,4 @@
-"""A particle filter whose particles are rollouts in MuJoCo: what a tracker is compared with.
+"""Particle filter with rollouts in MuJoCo as particles, for comparison with the tracker.
 
 The engine has no errors of contacts, so each piece of a rollout ends with the contact noise of the tracker.
 In flight there is none, and particles that were copied would stay equal. Resampling therefore draws from a
@@ -46,11 +46,11 @@ class Particles(NamedTuple):
 
     @property
     def effective(self) -> float:
-        """Effective share of the particles."""
+        """Effective sample size over the number of particles."""
         return 1.0 / (len(self.weights) * float(np.sum(self.weights**2)))
 
     def weighed(self, logarithms: np.ndarray) -> Particles:
-        """Return the particles whose weights have these factors (N,)."""
+        """Return the particles with weights multiplied by factors (N,)."""
         weights = self.weights * np.exp(logarithms - logarithms.max())
         return self._replace(weights=weights / weights.sum())
 
@@ -81,7 +81,7 @@ class Particles(NamedTuple):
 class ParticleFilter:
     """A particle filter for one body above a table.
 
-    ``count`` particles are drawn from the ``belief`` of a ``time`` [s].
+    It draws ``count`` particles from the ``belief`` at a ``time`` [s].
     """
 
     def __init__(self, scene: Scene, belief: Belief, time: float, count: int, seed: int):
@@ -93,7 +93,7 @@ class ParticleFilter:
         self._now = Particles(states, np.full(count, 1.0 / count), 0)
 
     def correct(self, time: float, measurement: PoseMeasurement) -> None:
-        """Weigh the particles by the likelihood of a pose, in parts between which they are resampled."""
+        """Weight the particles by the likelihood of a pose, in parts with resampling between them."""
         particles, left = self._at(time), 1.0
         seen = measurement.observation(self._scene.bodies[0])
         information = np.linalg.inv(seen.noise + np.diag(np.repeat(SHAPE, 3) ** 2))
@@ -110,13 +110,13 @@ class ParticleFilter:
         self._now = particles
 
     def belief(self, time: float) -> Belief:
-        """Return the moments at a time, with the errors of the shape."""
+        """Return the moments at a time, with shape errors added."""
         mean, _, P = self._at(time).moments()
         P = P + np.diag(np.repeat([SHAPE[0] ** 2, 0.0, SHAPE[1] ** 2, 0.0], 3))
         return Belief(mean[None], P[None])
 
     def _at(self, time):
-        """The particles at a time."""
+        """Return the particles at a time."""
         states, weights, step = self._now
         last = round((time - self._origin) / self._scene.dt)
         while step < last:
@@ -132,7 +132,7 @@ class ParticleFilter:
         return Particles(states, weights, step)
 
     def _resampled(self, particles, left):
-        """Equal weights by systematic resampling, and a kernel of the optimal width for a Gaussian."""
+        """Resample systematically, and add noise from a kernel of the optimal width for a Gaussian."""
         rng = np.random.default_rng((self._seed, particles.step, int(1e6 * left)))
         count = len(particles.weights)
         mean, errors, P = particles.moments()
@@ -147,7 +147,7 @@ class ParticleFilter:
 
 
 class ParticleFollower:
-    """A particle filter, which starts when a constant-velocity filter knows the velocities."""
+    """A particle filter that starts when a constant-velocity filter has estimated the velocities."""
 
     def __init__(self, scene: Scene, frames: Frames, seed: int, count: int):
         self._scene, self._seed, self._count = scene, seed, count

@@ -1,4 +1,4 @@
-"""Whether bodies passed through each other or through the environment on their way."""
+"""Check for bodies that passed through each other or through the environment."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ CORE = 0.9  # of the radius of a body's largest sphere: spheres larger than that
 
 
 def passed_through(scene: Scene, states: np.ndarray) -> bool:
-    """Whether a body passed through another, or through an element of the environment.
+    """Return whether a body passed through another one or through an element of the environment.
 
     Parameters
     ----------
     scene : Scene
     states : (T, B, 13) array
-        One after another, as close as steps; between them all moves straight.
+        Consecutive states, one time step apart; motion between them counts as straight.
 
     Notes
     -----
-    A body's core is its largest spheres. It passed through another body if the centre of one of them came
-    inside a sphere of the other's core or that one's centre inside it; through an element of the environment
-    if such a centre came under its surface. What begins that deep is not counted.
+    A body's core is its largest spheres. Two bodies passed through each other if a centre of one core entered
+    a sphere of the other core. A body passed through an element if a centre of its core went below the
+    surface. Penetrations at the first state are not counted.
     """
     cores = [_core(body, states[:, k]) for k, body in enumerate(scene.bodies)]
     for j, (c_j, r_j) in enumerate(cores):
@@ -43,7 +43,7 @@ def passed_through(scene: Scene, states: np.ndarray) -> bool:
 
 
 def _core(body, states):
-    """Centres (T, n, 3) of a body's largest spheres in the world, and their radius."""
+    """Return the centres (T, n, 3) of a body's largest spheres in the world, and their radius."""
     model = body.model
     large = model.radii >= CORE * model.radii.max()
     turned = np.einsum("tij,nj->tni", rotation_matrices(states[:, QUATERNION]), model.centers[large])
@@ -51,7 +51,7 @@ def _core(body, states):
 
 
 def _met(c_i, c_j, reach):
-    """Whether centres that were farther apart than ``reach`` came closer."""
+    """Return whether centres with a distance above ``reach`` came closer than that."""
     a = c_j[:, None, :, :] - c_i[:, :, None, :]
     step = np.diff(a, axis=0)
     if (np.linalg.norm(a[0], axis=-1) < reach).any():
@@ -63,7 +63,7 @@ def _met(c_i, c_j, reach):
 
 
 def _entered(element, centers):
-    """Whether centres (T, n, 3) that were outside an element came inside or crossed it."""
+    """Return whether centres (T, n, 3) outside an element entered or crossed it."""
     distance = surface_distance(element, centers)
     if (distance[0] < 0.0).any():
         return False

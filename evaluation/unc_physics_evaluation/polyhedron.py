@@ -1,4 +1,4 @@
-"""Convex bodies as spheres in their corners: on planes they lie, tip and roll as the solids do."""
+"""Convex bodies as spheres in their corners, which rest, tip and roll on planes like the solids."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Polyhedron(NamedTuple):
     inertia: np.ndarray
 
     def packing(self, corner_radius: float = SHARP) -> SpherePacking:
-        """A sphere in each corner, whose hull has the solid's faces; its corners are rounded."""
+        """Return a packing with a sphere in each corner, with the solid's faces and rounded corners."""
         normals, offsets = _faces(self.vertices)
         reach = 1e-6 * np.abs(offsets).max()
         centers = []
@@ -53,7 +53,7 @@ class Polyhedron(NamedTuple):
         )
 
     def packed(self, spheres: int) -> SpherePacking:
-        """A packing with so many spheres in order of size, whose corners are cut."""
+        """Return a packing of a number of spheres, in order of size, which cuts the corners."""
         hull = ConvexHull(self.vertices)
         faces = hull.simplices
         normals = np.cross(*np.diff(self.vertices[faces], axis=1).swapaxes(0, 1))
@@ -70,7 +70,7 @@ def box(name: str, sides: np.ndarray) -> Polyhedron:
 
 
 def face_normals(packing: SpherePacking) -> np.ndarray | None:
-    """Outward normals (F, 3) of the faces on which a body can lie, body frame; None if it is round."""
+    """Return the outward normals (F, 3) of a body's faces in the body frame; None if it is round."""
     if len(packing.centers) < 4 or np.linalg.matrix_rank(packing.centers - packing.centers[0], 1e-6) < 3:
         return None
     normals = _faces(packing.centers)[0]
@@ -78,13 +78,13 @@ def face_normals(packing: SpherePacking) -> np.ndarray | None:
 
 
 def lowest_face(states: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """(n,) int: the face that points down the most, of states (n, 13)."""
+    """Return the index (n,) of the most downward face in each of the states (n, 13)."""
     downwards = np.array([-rotation_matrix(q)[2] for q in states[:, 6:10]])
     return np.argmax(downwards @ normals.T, axis=1)
 
 
 def _faces(points):
-    """Normals (F, 3) and offsets (F,) of the hull's faces; facets in one plane are one face."""
+    """Return normals (F, 3) and offsets (F,) of the hull's faces; coplanar facets are one face."""
     normals, offsets = [], []
     for *normal, offset in ConvexHull(points).equations:
         if all(np.dot(normal, other) < np.cos(_ALIKE) for other in normals):

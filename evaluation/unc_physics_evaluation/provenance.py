@@ -1,4 +1,4 @@
-"""Where results come from: machine and versions."""
+"""Provenance of results: machine and versions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PACKAGES = ("numpy", "numba", "scipy", "POT", "pybullet", "mujoco")
 
 
 def machine() -> str:
-    """Processor, number of its threads that we may use, and operating system."""
+    """Return the processor, the number of usable threads, and the operating system."""
     name = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
@@ -25,12 +25,12 @@ def machine() -> str:
 
 
 def threads() -> int:
-    """Number of the processor's threads that this process may use."""
+    """Return the number of the processor's threads that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package, of Python, and of those of `PACKAGES` that are installed."""
+    """Return the versions of this package, of Python, and of the installed ones of `PACKAGES`."""
     found = {"unc_physics": __version__, "python": platform.python_version()}
     for name in PACKAGES:
         try:

@@ -13,7 +13,7 @@ from .recorded_pushes import EDGE, FOOT, HEIGHT, Push, edges, feet_of, planar, r
 
 
 def block_shapes(support: int) -> list[Shape]:
-    """The block as ours is: boxes as thick as our spheres' radius along its edges, and its feet."""
+    """Return the shapes of our block: boxes as thick as our spheres' radius along its edges, and its feet."""
     pushes = recorded_pushes()
     low, shapes = -0.5 * pushes.height, []
     for a, along, inward, length, margin in edges():
@@ -26,7 +26,7 @@ def block_shapes(support: int) -> list[Shape]:
 
 
 def pushed_in(engine: str, settings: Settings, push: Push, support: int) -> np.ndarray:
-    """(3,): where an engine says that a push takes the block, on some of its feet, as `planar`."""
+    """Return the block's final pose (3,) after a push in an engine, on some of its feet, as `planar`."""
     shapes = {"block": block_shapes(support)}
     with opened(engine, push.scene, settings, shapes) as made:
         return planar(made.run(push.belief.mean, push.horizon)[0][0])

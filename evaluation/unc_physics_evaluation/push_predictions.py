@@ -1,4 +1,4 @@
-"""Predicted distributions of where pushes take the block: by ours, by other engines, and without physics."""
+"""Predicted final poses of pushed blocks: by unc_physics, by other engines, and without physics."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ _UNSET = {"mujoco": 1.0, "pybullet": 0.5}
 def push_predictions(
     folder: Path, tests: Sequence[int], every: Sequence[int], by: str, calibrated: bool, seed: int
 ) -> Iterator[dict[str, np.ndarray]]:
-    """For each push states (n, 13) of the block at its end, by method.
+    """Return the states (n, 13) of the block at the end of each push.
 
-    Predictions by physics have the spread of repeated pushes added, as those of tosses have the errors of the
-    recording. It was measured between pushes by the same command, and is no parameter of the block.
+    Predictions by physics include the spread of repeated pushes, like the recording errors in predictions of
+    tosses. It was measured between pushes by the same command and is not a parameter of the block.
 
     Parameters
     ----------
     folder : Path
-        Of the pushes.
+        Folder of the pushes.
     tests, every : sequence of int
-        Pushes that are predicted, and all of their kind.
+        Predicted pushes, and all pushes of their kind.
     by : str
-        Ours, an engine, or the outcomes of others.
+        Our package, an engine, or the outcomes of other pushes.
     calibrated : bool
-        Whether frictions are those that were measured, with their errors.
+        Whether to use the measured frictions with their errors.
     seed : int
     """
     moves = np.array([_move(k, folder) for k in every]) if by == MARGINAL else np.empty((0, 3))
@@ -70,13 +70,13 @@ def push_predictions(
 
 
 def push_outcomes(folder: Path, tests: Sequence[int]) -> list[np.ndarray]:
-    """(7,): where the block was after each push."""
+    """Return the pose (7,) of the block after each push."""
     states = _states(np.array([seen(k, folder) for k in tests]))
     return list(np.concatenate([states[:, POSITION], states[:, QUATERNION]], axis=1))
 
 
 def _in_engine(engine, k, calibrated, folder, rng):
-    """Places (3,): one with the engine's own settings, or some with finer ones and uncertain frictions."""
+    """Return final poses (3,): one with default settings, or several with finer ones and drawn frictions."""
     support = int(recorded_pushes(folder).support[k])
     if not calibrated:
         push = push_scene(k, Frictions(*[_UNSET[engine]] * 2), folder=folder)
@@ -89,7 +89,7 @@ def _in_engine(engine, k, calibrated, folder, rng):
 
 
 def _heading(k, folder):
-    """Direction in which the tips went, on the whole [rad]."""
+    """Return the direction of the tips' total displacement [rad]."""
     path = recorded_pushes(folder).paths[k]
     return np.arctan2(*(path[-1, 1:3] - path[0, 1:3])[::-1])
 
@@ -101,7 +101,7 @@ def _turned(places, angle):
 
 
 def _move(k, folder):
-    """How push ``k`` moved and turned the block (3,), in the axes of its heading."""
+    """Return the block's displacement and rotation (3,) by push ``k``, in the axes of its heading."""
     return _turned(seen(k, folder) - planar_before(k, folder), -_heading(k, folder))
 
 
@@ -110,7 +110,7 @@ def _moved(k, moves, folder):
 
 
 def _states(places):
-    """States (n, 13) of a block at places and yaws (n, 3) in the table."""
+    """Return the states (n, 13) of a block at positions and yaws (n, 3) on the table."""
     states = np.zeros((len(places), 13))
     states[:, :2] = places[:, :2]
     states[:, 8], states[:, 9] = np.sin(0.5 * places[:, 2]), np.cos(0.5 * places[:, 2])

@@ -14,8 +14,10 @@ from .engines import bullet_states
 
 
 class PyBulletActions(ActionEngine):
-    """In PyBullet: free bodies in maximal coordinates; prescribed ones, without mass, in minimal ones, whose
-    velocity contacts feel. One at a time: close it before the next.
+    """Scene in PyBullet; close it before opening the next one.
+
+    Free bodies have maximal coordinates. Prescribed bodies are massless and have minimal coordinates, so that
+    contacts use their velocity.
     """
 
     def _make(self):
@@ -73,13 +75,13 @@ class PyBulletActions(ActionEngine):
         return bullet_states(self._client, self._bodies, self._handles)
 
     def close(self) -> None:
-        """Leave the engine empty."""
+        """Remove everything from the engine."""
         self._client.resetSimulation()
 
 
 @cache
 def _bullet():
-    """The one PyBullet that this process has for actions; each new one would print a line."""
+    """Return the only PyBullet client of this process for actions; each new one would print a line."""
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 
@@ -87,7 +89,7 @@ def _bullet():
 
 
 def _urdf(body, one, shapes):
-    """A body as PyBullet reads it; without mass where its path is prescribed."""
+    """Return a body as URDF, massless if its path is prescribed."""
     lines = []
     for shape in shapes:
         with warnings.catch_warnings():

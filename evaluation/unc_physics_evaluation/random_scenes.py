@@ -1,4 +1,4 @@
-"""Everyday scenes at random: one thing, or two that meet, with beliefs from tight to wide."""
+"""Random everyday scenes: one object, or two that collide, with beliefs from tight to wide."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TABLE, _WALL = 0.4, 0.02  # height of a table, thickness of walls [m]
 
 
 def random_case(number: int) -> Case:
-    """The scene of that number: dropped, pushed on a table, thrown at a wall, or dropped beside another."""
+    """Return the scene of a number: a drop, a push on a table, a throw at a wall, or a drop beside a body."""
     rng = np.random.default_rng([19, number])
     kind = KINDS[number % len(KINDS)]
     models = [
@@ -38,14 +38,14 @@ def random_case(number: int) -> Case:
 
 
 def _dropped(rng, models):
-    """In any orientation, with a spin."""
+    """Drop an object in any orientation, with a spin."""
     mean = state_above(rng, models[0], log_uniform(rng, *_DROP), upright=False)
     mean[0, ANGULAR_VELOCITY] = rng.normal(0.0, 1.0, 3)
     return mean, []
 
 
 def _pushed(rng, models):
-    """Stands near the edge of a table, and is pushed towards it."""
+    """Push an object that stands near the edge of a table towards the edge."""
     mean = state_above(rng, models[0], 1e-4, upright=True)
     mean[0, POSITION] += rng.uniform(-0.15, -0.02), 0.0, _TABLE
     mean[0, VELOCITY] = log_uniform(rng, *_SPEED), 0.0, 0.0
@@ -53,7 +53,7 @@ def _pushed(rng, models):
 
 
 def _thrown(rng, models):
-    """Towards a wall."""
+    """Throw an object towards a wall."""
     mean = state_above(rng, models[0], log_uniform(rng, *_DROP), upright=False)
     mean[0, VELOCITY] = log_uniform(rng, *_SPEED), rng.normal(0.0, 0.1), 0.0
     wall = 2.0 * models[0].bounding_radius + rng.uniform(0.0, 0.1)
@@ -61,7 +61,7 @@ def _thrown(rng, models):
 
 
 def _beside(rng, models):
-    """One stands, the other falls beside or on it."""
+    """Drop an object beside or onto another one."""
     standing = state_above(rng, models[0], 1e-4, upright=True)
     falling = state_above(rng, models[1], log_uniform(rng, *_DROP), upright=False)
     radius = models[0].bounding_radius
@@ -74,7 +74,7 @@ KINDS = (_dropped, _pushed, _thrown, _beside)
 
 
 def state_above(rng, model, height, upright):
-    """A state (1, 13) at rest, that high above the floor."""
+    """Return a state (1, 13) at rest at a height above the floor."""
     q = rng.standard_normal(4)
     if upright:
         q = np.array([0.0, 0.0, math.sin(q[0]), math.cos(q[0])])
@@ -86,5 +86,5 @@ def state_above(rng, model, height, upright):
 
 
 def log_uniform(rng, low, high):
-    """Uniform in the logarithm."""
+    """Return a number that is uniform in its logarithm."""
     return math.exp(rng.uniform(math.log(low), math.log(high)))

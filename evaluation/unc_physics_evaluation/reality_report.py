@@ -1,4 +1,4 @@
-"""The report on reality: scores, coverage, comparison with the outcomes of others."""
+"""Report on recorded motions: scores, coverage, and comparison with the outcomes of other motions."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class Line(NamedTuple):
 
     @property
     def title(self) -> str:
-        """What they are called."""
+        """Label of the predictions."""
         return label(self.method) + (f", {self.given}" if self.method not in (MARGINAL, STILL) else "")
 
 
 def lines(rows: Rows) -> list[Line]:
-    """All predictions, those of a set together."""
+    """Return all predictions, grouped by set."""
     found: dict[tuple, dict[str, dict[int, float]]] = {}
     times: dict[tuple, list[float]] = {}
     for row in rows:
@@ -65,7 +65,7 @@ def lines(rows: Rows) -> list[Line]:
 
 
 def reality_report(results: Results) -> str:
-    """The whole report in Markdown; writes both tables as CSV files."""
+    """Return the report in Markdown, and write both tables as CSV files."""
     found = lines(results.rows("reality"))
     parts = []
     for name, head, cells in (("reality_scores", *_scores(found)), ("reality_coverage", *_coverage(found))):
@@ -76,7 +76,7 @@ def reality_report(results: Results) -> str:
 
 
 def _scores(found: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
-    """Mean scores; and by how much they are below those of the outcomes of others, over all times."""
+    """Return mean scores, and their reduction relative to the outcomes of other motions, over all times."""
     head = ["motions", "prediction", *(f"position, {when} [mm]" for when in x.TIMES)]
     head += [*(f"rotation, {when} [rad]" for when in x.TIMES), "Brier score of the face"]
     head += ["error of the mean at rest, rms [mm]", "CPU time of 100 samples [ms]"]
@@ -105,9 +105,9 @@ def _mean(line, quantity, factor=1.0):
 
 
 def above(line: Line, other: Line, quantity: str) -> str:
-    """Mean score over all times above another's in percent, each time's over the other's mean.
+    """Return the increase of the mean score over another method's in percent, relative at each time.
 
-    With the 95 % interval of a paired bootstrap over motions, and times at which it is worse.
+    The text includes the 95 % interval of a paired bootstrap over motions, and the times with an increase.
     """
     sums: dict[int, list[float]] = {}
     worse = []
@@ -129,7 +129,7 @@ def above(line: Line, other: Line, quantity: str) -> str:
 
 
 def _coverage(found: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
-    """Shares of motions in the regions of each level, with binomial intervals."""
+    """Return the shares of motions in the regions of each level, with binomial intervals."""
     pairs = list(product(((x.POSITION_RANK, "position"), (x.ROTATION_RANK, "rotation")), LEVELS, x.TIMES))
     head = ["motions", "prediction", *(f"{what} in {100 * p:.0f} %, {when}" for (_, what), p, when in pairs)]
     cells = []
@@ -148,7 +148,7 @@ def _share(inside, count):
 
 
 def binomial_interval(inside: int, count: int, level: float = 0.95) -> tuple[float, float]:
-    """Clopper and Pearson's interval of a share."""
+    """Return the Clopper-Pearson interval of a share."""
     tail = 0.5 * (1.0 - level)
     low = beta.ppf(tail, inside, count - inside + 1) if inside else 0.0
     high = beta.ppf(1.0 - tail, inside + 1, count - inside) if inside < count else 1.0

@@ -1,4 +1,4 @@
-"""A thrown body in other engines, with uncertain friction, a tilted table, and errors of impacts, as in ours.
+"""A thrown body in other engines, with uncertain friction, table tilt and impacts as in unc_physics.
 
 Engines have no errors of impacts, so what a step's contacts gave to the momentum is changed after it: turned,
 made to act elsewhere, and its part along the table multiplied, by the laws of `physics.impact_error`; less,
@@ -27,7 +27,7 @@ _HALVINGS = 5  # of an error that would add energy
 
 
 class _PyBullet(PyBulletRollouts):
-    """One body in PyBullet; what each step calls is looked up once."""
+    """One body in PyBullet; functions that each step calls are looked up once."""
 
     def __init__(self, scene, geometry):
         super().__init__(scene, geometry)
@@ -47,12 +47,12 @@ class _PyBullet(PyBulletRollouts):
         self._client.setGravity(*value)
 
     def step(self):
-        """Take a step; returns whether anything may touch."""
+        """Take a step; return whether there may be contacts."""
         self._step()
         return True
 
     def velocity(self):
-        """Six numbers: velocity in the world's axes, and angular velocity in any."""
+        """Return the velocity in world axes and the angular velocity in the engine's axes, six numbers."""
         velocity, spin = self._velocity(self._handles[0])
         return *velocity, *spin
 
@@ -60,18 +60,18 @@ class _PyBullet(PyBulletRollouts):
         return self._client.getBasePositionAndOrientation(self._handles[0])[0]
 
     def own_axes(self, vector):
-        """A vector of the world in the axes of `velocity`'s angular part."""
+        """Transform a vector from world axes to the axes of `velocity`'s angular part."""
         return vector
 
     def world_axes(self, vector):
-        """And back."""
+        """Transform a vector from the axes of `velocity`'s angular part to world axes."""
         return vector
 
     def set_velocity(self, six):
         self._client.resetBaseVelocity(self._handles[0], six[:3], six[3:])
 
     def contact(self):
-        """Mean place of the contacts (3,), by their forces; None without any."""
+        """Return the mean position of the contacts (3,), weighted by forces; None without contacts."""
         points = self._client.getContactPoints(self._handles[0])
         force = np.array([point[9] for point in points])
         if not force.sum() > 0.0:
@@ -80,7 +80,7 @@ class _PyBullet(PyBulletRollouts):
 
 
 class _MuJoCo(MuJoCoRollouts):
-    """One body in MuJoCo; restitution is the damping of its contacts, as of a linear spring."""
+    """One body in MuJoCo; the damping of its contacts gives the restitution of a linear spring."""
 
     def __init__(self, scene, geometry):
         super().__init__(scene, geometry)
@@ -115,13 +115,13 @@ class _MuJoCo(MuJoCoRollouts):
         self._data.qvel[:] = six
 
     def contact(self):
-        """Mean place of the contacts (3,), by their depths; None without any."""
+        """Return the mean position of the contacts (3,), weighted by depths; None without contacts."""
         depth = np.maximum(-self._data.contact.dist, 0.0)
         return (depth @ self._data.contact.pos / depth.sum()).tolist() if depth.any() else None
 
 
 class RecordedEngine:
-    """Predicts recorded motions in another engine, as `calibration.objective.simulated` does in ours.
+    """Predictor of recorded motions in another engine, like `calibration.objective.simulated`.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class RecordedEngine:
 
     Notes
     -----
-    The body is the same spheres. Draws are seeded alike; those of starts are ours.
+    The body has the same spheres, draws have the same seeds, and starts are drawn by unc_physics.
     """
 
     def __init__(self, name: str):
@@ -139,7 +139,7 @@ class RecordedEngine:
     def __call__(
         self, scene: Scene, belief: Belief, times: Sequence[float], samples: int, seed: int
     ) -> list[np.ndarray]:
-        """States (n, 13) at each of the times."""
+        """Return the states (n, 13) at each time."""
         engine = self._of(scene)
         starts = belief.sample(samples, np.random.default_rng(seed))
         marks = [round(time / scene.dt) for time in times]
@@ -182,7 +182,7 @@ class RecordedEngine:
         return self._engine
 
     def _disturbed(self, engine, scene, gravity, steps, rng):
-        """Steps with errors of impacts."""
+        """Take steps with errors of impacts."""
         gx, gy, gz = (gravity * scene.dt).tolist()
         before = engine.velocity()
         for _ in range(steps):
@@ -194,10 +194,10 @@ class RecordedEngine:
             before = after
 
     def _changed(self, engine, scene, before, after, given, rng):
-        """The velocities, six numbers, after an impact with an error; they are set.
+        """Set and return the velocities, six numbers, after an impact with an error.
 
-        ``before`` and ``after`` are those around the impact, ``given`` is what it added to the velocity.
-        Mostly in plain numbers: it is called some twenty times for each sample.
+        ``before`` and ``after`` are the velocities around the impact; ``given`` is its change of velocity.
+        It computes with Python floats, because each sample calls it some twenty times.
         """
         point = engine.contact()
         if point is None:
@@ -238,7 +238,7 @@ def _cross(a, b):
 
 
 def _turned(vector, axis, w):
-    """A vector turned by the quaternion of that vector part and scalar part."""
+    """Rotate a vector by a quaternion, given by its vector and scalar parts."""
     turned = [2.0 * value for value in _cross(axis, vector)]
     more = _cross(axis, turned)
     return [p + w * q + r for p, q, r in zip(vector, turned, more, strict=True)]

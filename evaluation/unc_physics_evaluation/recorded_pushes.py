@@ -1,4 +1,4 @@
-"""Real pushes of a block over a table, as recorded by others, and the scenes that stand for them."""
+"""Real pushes of a block over a table, recorded by others, and scenes of them."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ class Pushes(NamedTuple):
     ----------
     kind, support, surface : (N,) int arrays
     before, after : (N, 3) arrays
-        Place of the block's right-angled corner in the table [m], and its yaw [rad].
+        Position of the block's right-angled corner on the table [m], and yaw [rad].
     paths : tuple of (n, 5) arrays
-        Times [s], and place [m] and yaw [rad] of each pusher's tip, or of the middle of its two.
+        Times [s], position [m] and yaw [rad] of each pusher's tip, or of the midpoint of its two tips.
     supports : (4, 3, 2) array
-        Where the block's feet are, from that corner [m].
+        Positions of the block's feet relative to that corner [m].
     polygon, com : arrays
-        Its corners (3, 2) and its centre of mass (2,) from there [m].
+        Corners (3, 2) and centre of mass (2,) relative to that corner [m].
     height, mass : float
         [m], [kg]
     table_friction : (2,) array
@@ -73,7 +73,7 @@ class Pushes(NamedTuple):
 
 @cache
 def recorded_pushes(folder: Path = FOLDER) -> Pushes:
-    """The pushes of a folder, with the correction of the tip that the README of the package's data gives."""
+    """Read the pushes of a folder, with the tip's correction from the README of the package's data."""
     with np.load(folder / "pushes.npz") as file:
         data = {name: file[name] for name in file.files}
     shift = data["pusher_tip_correction_point"]
@@ -105,14 +105,14 @@ def recorded_pushes(folder: Path = FOLDER) -> Pushes:
 
 
 def _ascending(path):
-    """The rows of a path whose times ascend."""
+    """Return the rows of a path with ascending times."""
     kept = np.concatenate([[True], np.diff(np.maximum.accumulate(path[:, 0])) > 1e-6])
     return path[kept]
 
 
 @cache
 def block(support: int) -> SpherePacking:
-    """The block on its feet: rows of small spheres along its edges, as high as tips touch, and its feet."""
+    """Return the block's packing: small spheres along its edges at the height of the tips, and its feet."""
     pushes = recorded_pushes()
     corners, com = pushes.polygon, pushes.com
     low = -0.5 * pushes.height
@@ -144,13 +144,13 @@ class Edge(NamedTuple):
     Attributes
     ----------
     start : (2,) array
-        Where it begins, from the block's corner [m].
+        First end relative to the block's corner [m].
     along, inward : (2,) arrays
         Directions.
     length : float
         [m]
     margin : float
-        How far from both of its ends it is left out, as spheres reach into no sharp corner [m].
+        Length without spheres at both ends, because spheres do not fill sharp corners [m].
     """
 
     start: np.ndarray
@@ -161,7 +161,7 @@ class Edge(NamedTuple):
 
 
 def edges() -> list[Edge]:
-    """The block's edges."""
+    """Return the block's edges."""
     corners, found = recorded_pushes().polygon, []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         length = float(np.linalg.norm(b - a))
@@ -172,9 +172,9 @@ def edges() -> list[Edge]:
 
 
 def feet_of(support: int) -> np.ndarray:
-    """(3, 2): where the block's feet are, from its corner [m].
+    """Return the positions (3, 2) of the block's feet relative to its corner [m].
 
-    For the whole face three points stand in, with the same mean distance from the centre as all of the face.
+    Three points with the face's mean distance from the centre represent the whole face.
     """
     pushes = recorded_pushes()
     if support != PATCH:
@@ -185,7 +185,7 @@ def feet_of(support: int) -> np.ndarray:
 
 
 def face_points() -> np.ndarray:
-    """(n, 2): points all over the block's face, evenly, from its corner [m]."""
+    """Return evenly spread points (n, 2) of the block's face relative to its corner [m]."""
     _, one, other = recorded_pushes().polygon  # from the first, the right-angled one
     u, v = np.meshgrid(*[(np.arange(200) + 0.5) / 200] * 2)
     inside = (u + v) < 1.0
@@ -193,7 +193,7 @@ def face_points() -> np.ndarray:
 
 
 def _inertia(corners, com, height):
-    """Inertia per unit mass of a right-angled prism about its centre of mass [m^2]."""
+    """Return the inertia per unit mass of a right-angled prism about its centre of mass [m^2]."""
     x, y = corners[:, 0] - com[0], corners[:, 1] - com[1]
     xx, yy, xy = (x @ x) / 12.0, (y @ y) / 12.0, (x @ y) / 12.0
     zz = height**2 / 12.0
@@ -202,7 +202,7 @@ def _inertia(corners, com, height):
 
 @cache
 def pusher(tips: int) -> SpherePacking:
-    """One tip, or two that are 5 cm apart."""
+    """Return the packing of one tip, or of two tips 5 cm apart."""
     places = TIPS[tips - 1]
     reach = float(np.max(np.linalg.norm(places, axis=1))) + _TIP
     return SpherePacking(
@@ -217,7 +217,7 @@ def pusher(tips: int) -> SpherePacking:
 
 
 class Frictions(NamedTuple):
-    """Frictions of a push: of the table and of the tips, and their standard deviations."""
+    """Friction coefficients of the table and the tips in a push, and their standard deviations."""
 
     table: float
     tip: float
@@ -226,7 +226,7 @@ class Frictions(NamedTuple):
 
 
 def measured_frictions(k: int, folder: Path = FOLDER) -> Frictions:
-    """Frictions of push ``k``, as its forces show."""
+    """Return the friction coefficients of push ``k``, measured by its forces."""
     pushes = recorded_pushes(folder)
     surface, tip = int(pushes.surface[k]), _TIP_FRICTION[min(pushes.kind[k], 1)]
     return Frictions(float(pushes.table_friction[surface]), tip[0], _TABLE_STD[surface], tip[1])
@@ -234,7 +234,7 @@ def measured_frictions(k: int, folder: Path = FOLDER) -> Frictions:
 
 @dataclass(frozen=True)
 class Push:
-    """A push as a scene, the belief about it, and how long it takes [s]."""
+    """Scene, belief and duration [s] of a push."""
 
     scene: Scene
     belief: Belief
@@ -244,17 +244,17 @@ class Push:
 def push_scene(
     k: int, frictions: Frictions | None, load_std: float = 0.0, frame_std: float = 0.0, folder: Path = FOLDER
 ) -> Push:
-    """Push ``k``.
+    """Return push ``k``.
 
     Parameters
     ----------
     k : int
     frictions : Frictions or None
-        None stands for those of everyday objects, block, tips and table each with its own.
+        None selects the frictions of everyday objects, separate for block, tips and table.
     load_std, frame_std : float
-        Standard deviations of the place of the load and of the pusher [m].
+        Standard deviations of the positions of the load and of the pusher [m].
     folder : Path
-        Of the pushes.
+        Folder of the pushes.
     """
     pushes = recorded_pushes(folder)
     path = pushes.paths[k]
@@ -304,13 +304,13 @@ def push_scene(
 
 
 def uncertain_push(k: int, measured: bool = True, folder: Path = FOLDER) -> Push:
-    """Push ``k`` with uncertain frictions, as measured or not, and uncertain places of load and pusher."""
+    """Return push ``k`` with uncertain frictions, measured or not, and uncertain positions."""
     frictions = measured_frictions(k, folder) if measured else None
     return push_scene(k, frictions, _LOAD_STD, _FRAME_STD, folder)
 
 
 def _state(planar, pushes):
-    """State (13,) of the block whose corner is at a place and yaw (3,) in the table."""
+    """Return the state (13,) of the block for the position and yaw (3,) of its corner on the table."""
     x, y, theta = planar
     c, s = math.cos(theta), math.sin(theta)
     state = np.zeros(STATE)
@@ -324,19 +324,19 @@ def _state(planar, pushes):
 
 
 def planar(states: np.ndarray) -> np.ndarray:
-    """(..., 3): place of the centre of mass in the table [m] and yaw [rad] of states (..., 13)."""
+    """Return position on the table [m] and yaw [rad] (..., 3) of the centre of mass in states (..., 13)."""
     q = states[..., QUATERNION]
     yaw = 2.0 * np.arctan2(q[..., 2], q[..., 3])
     return np.concatenate([states[..., :2], yaw[..., None]], axis=-1)
 
 
 def planar_before(k: int, folder: Path = FOLDER) -> np.ndarray:
-    """(3,): where the block was before push ``k``, as `planar`."""
+    """Return the block's pose (3,) before push ``k``, as `planar`."""
     pushes = recorded_pushes(folder)
     return planar(_state(pushes.before[k], pushes))
 
 
 def seen(k: int, folder: Path = FOLDER) -> np.ndarray:
-    """(3,): where the block was after push ``k``, as `planar`."""
+    """Return the block's pose (3,) after push ``k``, as `planar`."""
     pushes = recorded_pushes(folder)
     return planar(_state(pushes.after[k], pushes))

@@ -46,7 +46,7 @@ _LONG = 0.5  # s, that each motion lasts at least: it ends at rest
 
 
 class KnownStart(NamedTuple):
-    """A start whose covariance comes with the recording; `flight.FlightStart` fits one.
+    """A start with a recorded covariance; `flight.FlightStart` fits one.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class KnownStart(NamedTuple):
     covariance: np.ndarray
 
     def belief(self, position_noise: float, rotation_noise: float) -> Belief:
-        """The belief at time 0; the errors of later poses do not matter to it."""
+        """Return the belief at time 0; it does not depend on errors of later poses."""
         return Belief(self.state[None], self.covariance[None])
 
 
@@ -69,16 +69,16 @@ class RecordedSet(NamedTuple):
     ----------
     name : str
     scene : Scene
-        As somebody would write it who knows shapes only.
+        Scene of a user who knows only the shapes.
     motions : tuple of Motion
     noise : (float, float), optional
-        Standard deviations of recorded poses [m], [rad]; None where flights must show them.
+        Standard deviations of recorded poses [m], [rad]; None if they are fitted to flights.
     starts : tuple of KnownStart, optional
-        None where starts are fitted to the first poses.
+        None if starts are fitted to the first poses.
     gravity : (3,) array, optional
-        As flights in this recording fall, where that is known [m/s^2].
+        Measured acceleration of flights in this recording, if known [m/s^2].
     solid : Polyhedron, optional
-        The object, where its corners may be rounded.
+        The object, if its corners may be rounded.
     """
 
     name: str
@@ -90,7 +90,7 @@ class RecordedSet(NamedTuple):
     solid: Polyhedron | None = None
 
     def recorded(self, scene: Scene, chosen: Sequence[int]) -> list[Recorded]:
-        """Some motions with their starts under a scene."""
+        """Return motions with their starts in a scene."""
         motions = [_until(self.motions[k], _LONG) for k in chosen]
         found = recorded(motions, scene, starts=self._starts_of(chosen))
         assert len(found) == len(chosen)
@@ -100,20 +100,20 @@ class RecordedSet(NamedTuple):
         return None if self.starts is None else [self.starts[k] for k in chosen]
 
     def model(self, chosen: Sequence[int], scene: Scene) -> Model:
-        """The scene, and the errors of poses that some motions show."""
+        """Return the scene, and the errors of poses estimated from motions."""
         if self.noise is not None:
             return Model(scene, *self.noise)
         return with_noise(scene, self.recorded(scene, chosen))
 
     def measured_scene(self, chosen: Sequence[int]) -> Scene:
-        """The scene with gravity as some motions fall, which the recording's scale changes."""
+        """Return the scene with the gravity measured in motions, which depends on the recording's scale."""
         gravity = self.gravity
         if gravity is None:
             gravity = flight_gravity([self.motions[k] for k in chosen], self.scene)
         return self.scene if gravity is None else replace(self.scene, gravity=gravity)
 
     def adjusted(self, names: Sequence[str] = DEFAULT) -> list[Adjustable]:
-        """What is fitted, with priors: by `calibrate`, and the radius of corners."""
+        """Return the fitted parameters with priors: those of `calibrate` and the radius of corners."""
         solid = self.solid
         if solid is None:
             return chosen(self.scene, names)
@@ -172,7 +172,7 @@ def read_sets(folder: Path | str | None = None) -> dict[str, RecordedSet | PushS
 
 @cache
 def _own_sets():
-    """Return the sets of this package; each job asks for them, and reading them takes seconds."""
+    """Return the sets of this package, cached because each job needs them and reading takes seconds."""
     return _read_folder(DATA)
 
 
@@ -201,12 +201,12 @@ def _from_scene(folder):
 
 
 def _in_flight(motions, scene):
-    """Those motions whose start can be fitted."""
+    """Return the motions whose start can be fitted."""
     return tuple(motion for motion in motions if fit_start(motion, scene) is not None)
 
 
 def _until(motion, time):
-    """The motion, which stays where it ends until a time [s]."""
+    """Return the motion, extended at its last pose until a time [s]."""
     if motion.duration >= time:
         return motion
     return Motion(motion.name, [*motion.times, time], [*motion.poses, motion.poses[-1]])

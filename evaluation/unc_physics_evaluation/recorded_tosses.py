@@ -1,4 +1,4 @@
-"""Real tosses of a cube onto a table, as recorded by others, and the scene that stands for them."""
+"""Real tosses of a cube onto a table, recorded by others, and their scene."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Tosses(NamedTuple):
     Attributes
     ----------
     states : tuple of (n, 13) float64 arrays
-        Frames of each toss, in the layout of a body's state.
+        Frames of each toss, as states of a body.
     dt : float
         Between frames [s].
     half_width : float
@@ -50,14 +50,14 @@ class Tosses(NamedTuple):
     mass: float
 
     def duration(self, k: int) -> float:
-        """Time from the first frame of toss k to its last [s]."""
+        """Return the time from the first to the last frame of toss k [s]."""
         return (len(self.states[k]) - 1) * self.dt
 
     def motion(self, k: int, level: Rotation | None = None) -> Motion:
-        """Poses of toss k, in axes of which x is where it heads at first, and turned by ``level``.
+        """Return the poses of toss k, turned by ``level``, in axes with x along its initial heading.
 
-        Whoever prepared the recordings turned each about the vertical, at random: in the recordings' axes
-        nothing points anywhere, but from where a toss heads all flights fall aslant alike.
+        The published recordings are turned about the vertical at random. Relative to their heading, all
+        flights have the same tilt of gravity.
         """
         from scipy.spatial.transform import Rotation  # what only loads the data needs no SciPy
 
@@ -71,7 +71,7 @@ class Tosses(NamedTuple):
         return Motion(f"toss {k}", np.arange(len(states)) * self.dt, poses)
 
     def level(self, chosen: Sequence[int]) -> Rotation:
-        """What turns the table of some tosses, by the heights of where they end, to the horizontal."""
+        """Return the rotation that levels the table of tosses, fitted to the heights of their ends."""
         from scipy.spatial.transform import Rotation
 
         ends = np.array([self.motion(k).poses[-1, :3] for k in chosen])
@@ -80,28 +80,28 @@ class Tosses(NamedTuple):
         return Rotation.from_rotvec([-slope[1], slope[0], 0.0])
 
     def rest_height(self, chosen: Sequence[int]) -> float:
-        """Median height of the centre at the end of some tosses, over a level table [m]."""
+        """Return the median final height of the centre above a level table [m]."""
         level = self.level(chosen)
         return float(np.median([self.motion(k, level).poses[-1, 2] for k in chosen]))
 
 
 @cache
 def recorded_tosses(folder: Path = FOLDER) -> Tosses:
-    """The tosses of a folder; ``README.md`` beside those of the package says where they come from."""
+    """Read the tosses of a folder; the ``README.md`` of the package's tosses names their source."""
     with np.load(folder / "tosses.npz") as file:
         states = np.split(file["states"].astype(float), file["offsets"][1:-1])
         return Tosses(tuple(states), float(file["dt"]), float(file["half_width"]), float(file["mass"]))
 
 
 def cube(half_width: float, corner_radius: float, inertia: float = 1.0) -> RigidBody:
-    """The cube of such a size, with rounded corners, whose inertia is so many times a solid cube's."""
+    """Return a cube of a size with rounded corners, and an inertia of a multiple of a solid cube's."""
     model = rounded_box(2.0 * half_width, corner_radius, "cube").prefix(8)
     solid = 2.0 / 3.0 * half_width**2
     return RigidBody("cube", model, recorded_tosses().mass, inertia=np.full(3, inertia * solid))
 
 
 def toss_scene(tosses: Tosses, **changes) -> Scene:
-    """The cube above the table, with the numbers that the authors of the recordings give; some changed."""
+    """Return the cube above the table, with the parameters of the recordings' authors and with changes."""
     given = {
         "bodies": [cube(tosses.half_width, CORNER_RADIUS)],
         "dt": tosses.dt / STEPS_A_FRAME,

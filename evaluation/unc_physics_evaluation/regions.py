@@ -1,4 +1,4 @@
-"""The smallest region that holds most of a prediction's samples, and how many outcomes it holds."""
+"""Smallest regions with a share of a prediction's samples, and their shares of outcomes."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _GIVES = np.repeat([5e-5, 1e-3], 3)
 
 
 def held(modes: Sequence[Mode], samples: np.ndarray, outcomes: np.ndarray, level: float) -> dict[str, float]:
-    """Share of outcomes in the region that holds that share of the samples, of each of `PARTS`.
+    """Return the share of outcomes in the region with a share ``level`` of the samples, for each of `PARTS`.
 
     Parameters
     ----------
     modes : sequence of Mode
-        What the body's state splits into. One makes the region an ellipsoid of equal Mahalanobis distance;
-        several, one of equal density.
+        Modes of the body's state. With one mode, the region is an ellipsoid of equal Mahalanobis distance;
+        with several, its boundary has equal density.
     samples, outcomes : (S, 13), (N, 13) arrays
-        Of the body.
+        States of the body.
     level : float
-        Such as 0.9.
+        Share of the samples, such as 0.9.
     """
     shares = {}
     for name, part in PARTS.items():
@@ -37,7 +37,7 @@ def held(modes: Sequence[Mode], samples: np.ndarray, outcomes: np.ndarray, level
 
 
 def _log_density(modes, states, part):
-    """(N,): of the mixture, at states (N, 13)."""
+    """Return the mixture's log density (N,) at states (N, 13)."""
     whole = np.full(len(states), -np.inf)
     for mode in modes:
         turned = rotation_vectors(product(inverse(mode.mean[QUATERNION]), states[:, QUATERNION]))

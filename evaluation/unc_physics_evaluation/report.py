@@ -1,4 +1,4 @@
-"""The report of a sweep: Markdown with figures, from the rows that are there."""
+"""Report of a sweep: Markdown with figures, from the available rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .results import Results
 def write_report(
     results: Results, names: Sequence[str], gaps: Sequence[str], failures: Mapping[str, str]
 ) -> Path:
-    """Write ``report.md`` about those of the named experiments that have rows.
+    """Write ``report.md`` on the named experiments that have rows.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ def write_report(
     names : sequence of str
         Experiments, in the order of the report.
     gaps : sequence of str
-        What was left out, and why.
+        What was omitted, and why.
     failures : mapping of str to str
         Jobs that failed, and why.
     """
@@ -51,7 +51,7 @@ def write_report(
 
 
 def verdicts(results: Results, experiments: Iterable[ModuleType]) -> Iterator[tuple[str, str]]:
-    """Names of the experiments that have rows and something to reach, and the sentence on it."""
+    """Return the names and verdicts of experiments that have rows and goals."""
     for module in experiments:
         name = module.__name__.rpartition(".")[2]
         if hasattr(module, "verdict") and results.rows(name):

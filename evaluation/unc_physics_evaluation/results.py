@@ -21,18 +21,18 @@ _NUMBERS = (int, float)
 
 
 class Rows(list):
-    """Rows as dicts, to pick from."""
+    """Rows as dicts, with selection."""
 
     def where(self, **wanted) -> Rows:
-        """Those with these values."""
+        """Return the rows with these values."""
         return Rows(row for row in self if all(row.get(name) == value for name, value in wanted.items()))
 
     def unique(self, column: str) -> list:
-        """The different values of a column, in order of appearance."""
+        """Return the distinct values of a column, in order of appearance."""
         return list(dict.fromkeys(row[column] for row in self if row.get(column) is not None))
 
     def curves(self) -> list[tuple[str, int | None]]:
-        """(method, samples) of all rows: methods in order of appearance, samples ascending."""
+        """Return (method, samples) of all rows: methods in order of appearance, samples ascending."""
         return [
             (method, samples)
             for method in self.unique("method")
@@ -40,15 +40,15 @@ class Rows(list):
         ]
 
     def values(self) -> np.ndarray:
-        """The figures."""
+        """Return the values of all rows."""
         return np.array([row["value"] for row in self], float)
 
     def mean(self) -> float:
-        """Mean of the figures; NaN when there are none."""
+        """Return the mean of the values; NaN without rows."""
         return float(np.mean(self.values())) if self else float("nan")
 
     def median(self) -> float:
-        """Median of the figures; NaN when there are none."""
+        """Return the median of the values; NaN without rows."""
         return float(np.median(self.values())) if self else float("nan")
 
     def std(self) -> float:
@@ -62,7 +62,7 @@ class Results:
     Parameters
     ----------
     folder : path-like
-        Is made where it does not exist.
+        Created if it does not exist.
 
     Raises
     ------
@@ -96,7 +96,7 @@ class Results:
             yield
 
     def rows(self, experiment: str) -> Rows:
-        """All rows of finished jobs, ordered by their parameters."""
+        """Return all rows of finished jobs, ordered by their parameters."""
         lines, whole = self._read(experiment)
         rows = [
             {name: _parsed(text) for name, text in line.items()} for line in lines if line["job"] in whole
@@ -104,7 +104,7 @@ class Results:
         return Rows(sorted(rows, key=_parameters))
 
     def missing(self, jobs: Sequence[Job]) -> list[Job]:
-        """Those jobs that are not finished; what an interruption left half written is removed.
+        """Return the unfinished jobs, and remove partly written results of an interruption.
 
         Raises
         ------
@@ -118,7 +118,7 @@ class Results:
         return [job for job in jobs if job.key not in finished[job.experiment]]
 
     def _finished(self, experiment, columns):
-        """Keys of the finished jobs, when the file holds no others any more."""
+        """Return the keys of the finished jobs, after removing other rows from the file."""
         lines, whole = self._read(experiment)
         path, kept = self._csv(experiment), [line for line in lines if line["job"] in whole]
         if kept and list(kept[0]) != columns:
@@ -158,7 +158,7 @@ class Results:
             file.write(_csv_text(_columns(job), rows, header))
 
     def arrays(self, experiment: str, key: str) -> dict[str, np.ndarray]:
-        """The arrays of a finished job, known by what its rows have as ``job``; empty without any."""
+        """Return the arrays of a finished job, by its key in the column ``job``; empty if it has none."""
         path = self._npz(experiment, key)
         if not path.is_file():
             return {}
@@ -166,13 +166,13 @@ class Results:
             return dict(file)
 
     def figure(self, name: str) -> Path:
-        """Path of a figure."""
+        """Return the path of a figure."""
         folder = self.folder / "figures"
         folder.mkdir(exist_ok=True)
         return folder / f"{name}.png"
 
     def table(self, name: str, head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-        """Write a table to ``tables/NAME.csv``, as the docs show it, and give the same table in Markdown."""
+        """Write a table to ``tables/NAME.csv``, which the docs show, and return it in Markdown."""
         folder = self.folder / "tables"
         folder.mkdir(exist_ok=True)
         with open(folder / f"{name}.csv", "w", encoding="utf-8", newline="") as file:
@@ -180,7 +180,7 @@ class Results:
         return table(head, lines)
 
     def _read(self, experiment):
-        """Complete lines as dicts of texts, and the keys of the jobs whose lines are all there."""
+        """Return complete lines as dicts of texts, and the keys of jobs with all their lines."""
         path = self._csv(experiment)
         text = path.read_text() if path.is_file() else ""
         lines = list(csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1])))
@@ -198,7 +198,7 @@ def _columns(job):
 
 
 def _parameters(row):
-    """A job's parameters, the columns before its rows'; texts and numbers do not compare."""
+    """Return a sort key of a job's parameters; texts and numbers cannot be compared."""
     names = list(row)
     return [(isinstance(row[name], str), row[name]) for name in names[: names.index(Row._fields[0])]]
 

@@ -1,4 +1,4 @@
-"""The same rollouts in every engine, ours included, and the CPU time of their steps."""
+"""Rollouts in every engine, including unc_physics, and the CPU time of their steps."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ ENGINES = {name: label(name) for name in (OURS, *PEERS)}
 
 
 def available() -> list[str]:
-    """Engines that are installed."""
+    """Return the installed engines."""
     return [name for name in ENGINES if name == OURS or find_spec(name) is not None]
 
 
 def missing_engines(experiment: str) -> list[str]:
-    """What an experiment leaves out for want of engines, and how to get them."""
+    """Return the missing engines, and how to install them."""
     absent = [name for name in ENGINES if name not in available()]
     return [f"{experiment} in {ENGINES[name]}: not installed; pip install {name}" for name in absent]
 
 
 @contextmanager
 def rollouts(engine: str, scene: Scene) -> Iterator[Callable[[np.ndarray, int], tuple[np.ndarray, float]]]:
-    """Function of states (N, B, 13) and a number of steps: the states after them, and their CPU time [s].
+    """Yield a function from states (N, B, 13) and a number of steps to final states and CPU time [s].
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def rollouts(engine: str, scene: Scene) -> Iterator[Callable[[np.ndarray, int], 
 
     Notes
     -----
-    The first call of ours compiles, or loads what is compiled. To set a state and to read it, for which other
-    engines are called from Python body by body, is not counted.
+    The first call of unc_physics compiles or loads kernels. The time excludes setting and reading states,
+    which other engines do body by body from Python.
     """
 
     def ours(states, steps):

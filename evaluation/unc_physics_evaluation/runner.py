@@ -1,4 +1,4 @@
-"""Runs jobs in local processes; results do not depend on their number, as jobs carry seeds."""
+"""Execution of jobs in local processes; jobs have seeds, so their order does not change results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TICK = 1.0  # s, between looks at the progress bar's clock
 
 
 def run_job(job: Job) -> tuple[Outcome, dict[str, str]]:
-    """Run a job on this machine; returns what it yields, and the versions and the machine that made it."""
+    """Run a job; return its outcome, and the versions and the machine."""
     import numba
 
     from .experiments import experiment
@@ -37,13 +37,13 @@ def run_job(job: Job) -> tuple[Outcome, dict[str, str]]:
 
 
 def run_jobs(jobs: Sequence[Job], results: Results, workers: int | None = None) -> dict[str, str]:
-    """Run those jobs whose results are missing, with a progress bar on a terminal.
+    """Run the jobs without results, with a progress bar on a terminal.
 
     Parameters
     ----------
     jobs : sequence of Job
     results : Results
-        What is finished is read from there and added to it.
+        Finished jobs are read from it and added to it.
     workers : int, optional
         Number of processes; by default one for each of the processor's threads.
 
@@ -80,7 +80,7 @@ def run_jobs(jobs: Sequence[Job], results: Results, workers: int | None = None) 
 
 
 def _finished_jobs(executor: Executor, jobs: Sequence[Job], tick: Callable[[], object]) -> Iterator[tuple]:
-    """Jobs and their outcomes as they come: the longest first, those that must be alone last."""
+    """Yield jobs and outcomes as they finish: the longest start first, those that must be alone last."""
     together = sorted((job for job in jobs if not job.alone), key=lambda job: -job.cost)
     for batch in (together, *([job] for job in jobs if job.alone)):
         pending = {executor.submit(run_job, job): job for job in batch}
@@ -118,7 +118,7 @@ def _executor(workers) -> Iterator[Executor]:
 
 
 def _prepare_process():
-    """Leave interrupts to the parent, and end when it does."""
+    """Ignore interrupts, and end with the parent process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 

@@ -56,7 +56,7 @@ _TUMBLED = {"position": 0.01, "rotation": 0.3}  # what is let go in no particula
 
 
 def resting(positions) -> np.ndarray:
-    """States (B, 13) of bodies at rest, not turned."""
+    """Return states (B, 13) of unrotated bodies at rest."""
     mean = np.zeros((len(positions), STATE))
     mean[:, POSITION] = positions
     mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
@@ -64,7 +64,7 @@ def resting(positions) -> np.ndarray:
 
 
 def spread(bodies: int, position=0.0, velocity=0.0, rotation=0.0, spin=0.0) -> np.ndarray:
-    """Covariances (B, 12, 12) from standard deviations, a number or three of each."""
+    """Return covariances (B, 12, 12) from standard deviations, one or three numbers each."""
     std = np.zeros(ERROR)
     std[ERR_POSITION], std[ERR_VELOCITY] = position, velocity
     std[ERR_ROTATION], std[ERR_ANGULAR_VELOCITY] = rotation, spin
@@ -72,15 +72,15 @@ def spread(bodies: int, position=0.0, velocity=0.0, rotation=0.0, spin=0.0) -> n
 
 
 def unit_model(name: str, spheres: int) -> SpherePacking:
-    """A model's first ``spheres`` spheres, scaled so that the longest side of its bounding box is 1 m.
+    """Return a model's first ``spheres`` spheres, scaled to a longest side of the bounding box of 1 m.
 
-    A packing larger than the one that ships is looked for as ``NAME_SPHERES``, the name that
-    ``unc_physics models --make NAME -n SPHERES`` gives it.
+    A packing larger than the shipped one has the name ``NAME_SPHERES``, as made by
+    ``unc_physics models --make NAME -n SPHERES``.
 
     Raises
     ------
     UnknownModelError
-        If there is no such model, or no packing of it with so many spheres.
+        If there is no such model, or no packing of it with that number of spheres.
     """
     packing = load_model(name)
     if spheres > len(packing):
@@ -91,7 +91,7 @@ def unit_model(name: str, spheres: int) -> SpherePacking:
 
 
 def has_packing(model: str, spheres: int) -> bool:
-    """Whether there is a packing of a model with so many spheres."""
+    """Return whether there is a packing of a model with a number of spheres."""
     try:
         unit_model(model, spheres)
     except UnknownModelError:
@@ -100,7 +100,7 @@ def has_packing(model: str, spheres: int) -> bool:
 
 
 def missing_packings() -> list[str]:
-    """Models without a packing of `LARGE` spheres, and how to make one."""
+    """Return the models without a packing of `LARGE` spheres, and how to make one."""
     return [
         f"{model} with {LARGE} spheres: no packing; python -m unc_physics models --make {model} -n {LARGE}"
         " makes it"
@@ -112,21 +112,20 @@ def missing_packings() -> list[str]:
 def collision(
     model: str, spheres: int = 1000, sigma: float = 0.05, encounter: int = 0
 ) -> tuple[Scene, Belief, float]:
-    """Two bodies of one model that collide a little off centre (the paper's section 5.2).
+    """Return two bodies of one model with an off-centre collision (the paper's section 5.2).
 
     The bodies fly towards each other along x, offset along y; no gravity, damped velocities.
 
     Parameters
     ----------
     model : str
-        A name in the model library.
+        Name in the model library.
     spheres : int
-        Of each body.
+        Number of each body's spheres.
     sigma : float
         Standard deviation of the initial positions, the same along all axes [m].
     encounter : int
-        0 has fixed orientations of the bodies; every other number has orientations of its own, drawn at
-        random.
+        Number of the random orientations of the bodies; 0 has fixed orientations.
     """
     packing = unit_model(model, spheres)
     turned = {name: _orientation(name) for name in _ORIENTATIONS}
@@ -147,16 +146,16 @@ def collision(
 def collision_free(
     uncertain: str, model: str = "pin", spheres: int = 10, sigma: float = 0.1
 ) -> tuple[Scene, Belief, float]:
-    """One body that moves and spins without a contact (the paper's section 5.1, its Table 2).
+    """Return one body that moves and spins without contact (the paper's section 5.1, Table 2).
 
     Parameters
     ----------
     uncertain : {'linear_velocity', 'angular_velocity'}
-        Which of the initial velocities is uncertain.
+        Uncertain initial velocity.
     model : str
-        A name in the model library.
+        Name in the model library.
     spheres : int
-        Of the body.
+        Number of the body's spheres.
     sigma : float
         Standard deviation of that velocity, the same along all axes [m/s or rad/s].
     """
@@ -174,14 +173,14 @@ def collision_free(
 
 
 def salt_box_into_bin() -> tuple[Scene, Belief, float]:
-    """A carton of salt falls towards an open bin (the paper's Fig. 1): does it end up inside?"""
+    """Return a carton of salt that falls towards an open bin (the paper's Fig. 1)."""
     mean = resting([[0.07, 0.02, 0.35]])
     mean[0, QUATERNION] = 0.0, 0.0, math.sin(0.3), math.cos(0.3)
     return _handled(["salt_box"], 2000, open_bin(*_BIN), mean, {"position": 0.04, "rotation": 0.2})
 
 
 def can_off_shelf() -> tuple[Scene, Belief, float]:
-    """A full can slides towards the edge of a shelf at 0.4 m: does it stay, how does it land?"""
+    """Return a full can that slides towards the edge of a shelf at 0.4 m."""
     top = 0.4  # m
     environment = (Plane((0.0, 0.0, 1.0), 0.0), Box((0.6, 0.6, 0.03), (-0.3, 0.0, top - 0.015)))
     mean = resting([[-0.06, 0.0, top + 0.055]])
@@ -191,7 +190,7 @@ def can_off_shelf() -> tuple[Scene, Belief, float]:
 
 
 def five_into_bin() -> tuple[Scene, Belief, float]:
-    """Three cartons and two cans fall into a bin that has no room for all side by side."""
+    """Return three cartons and two cans that fall into a bin without room for all side by side."""
     mean = resting(
         [[0.05, 0.02, 0.15], [-0.05, -0.02, 0.3], [0.03, -0.03, 0.45], [0.0, 0.03, 0.6], [-0.06, 0.0, 0.75]]
     )
@@ -201,7 +200,7 @@ def five_into_bin() -> tuple[Scene, Belief, float]:
 
 
 def tableware_into_box() -> tuple[Scene, Belief, float]:
-    """Six different things, of which four are no box and no cylinder, fall one after the other into a box."""
+    """Return six objects that fall into a box one after another; four are neither box nor cylinder."""
     mean = resting(
         [
             [0.05, 0.02, 0.22],
@@ -218,7 +217,7 @@ def tableware_into_box() -> tuple[Scene, Belief, float]:
 
 
 def boxes_and_cans(count: int, spheres: int = 1000) -> tuple[Scene, Belief, float]:
-    """Cartons and cans by turns fall from a lattice, four layers at most, into a bin that is as wide.
+    """Return a lattice of cartons and cans, up to four layers, that falls into a bin of the same width.
 
     Parameters
     ----------
@@ -238,22 +237,22 @@ def boxes_and_cans(count: int, spheres: int = 1000) -> tuple[Scene, Belief, floa
 
 
 def in_bin(states: np.ndarray) -> np.ndarray:
-    """Whether a body's centre is between the walls of the bin of `salt_box_into_bin`, of states (..., 13)."""
+    """Return whether states (..., 13) of a body have the centre inside the bin of `salt_box_into_bin`."""
     return _between(states, _BIN)
 
 
 def in_box(states: np.ndarray) -> np.ndarray:
-    """Whether a body's centre is in the box of `tableware_into_box`, of states (..., 13)."""
+    """Return whether states (..., 13) of a body have the centre inside the box of `tableware_into_box`."""
     return _between(states, _LARGE_BIN)
 
 
 def on_shelf(states: np.ndarray) -> np.ndarray:
-    """Whether a body's centre is above the shelf of `can_off_shelf`, of states (..., 13)."""
+    """Return whether states (..., 13) of a body have the centre above the shelf of `can_off_shelf`."""
     return states[..., POSITION][..., 2] > 0.4
 
 
 def is_upright(states: np.ndarray) -> np.ndarray:
-    """Whether a body's z axis is vertical, up or down, to 15 degrees, of states (..., 13)."""
+    """Return whether states (..., 13) have the z axis within 15 degrees of the vertical, up or down."""
     x, y = np.moveaxis(states[..., QUATERNION], -1, 0)[:2]
     return np.abs(1.0 - 2.0 * (x * x + y * y)) > _LEANING
 
@@ -265,7 +264,7 @@ PILES = {"five_into_bin": (five_into_bin, in_bin), "tableware_into_box": (tablew
 
 
 def open_bin(length: float, width: float, depth: float) -> tuple[Plane | Box, ...]:
-    """A bin on a floor, made of boxes; its inside begins at the wall's thickness over the floor [m]."""
+    """Return a bin of boxes on a floor, with its inside from the wall's thickness above the floor [m]."""
     x, y, height = 0.5 * (length + _WALL), 0.5 * (width + _WALL), depth + _WALL
     return (
         Plane((0.0, 0.0, 1.0), 0.0),
@@ -276,7 +275,7 @@ def open_bin(length: float, width: float, depth: float) -> tuple[Plane | Box, ..
 
 
 def _between(states, sides):
-    """Whether bodies' centres are inside such a bin."""
+    """Return whether centres are inside a bin."""
     position = states[..., POSITION]
     inside = np.abs(position[..., :2]) < 0.5 * np.array(sides[:2])
     return inside.all(axis=-1) & (position[..., 2] < sides[2] + _WALL)

@@ -1,4 +1,4 @@
-"""Scores of faces, and intervals of mean scores; the other proper scores are `unc_physics.calibration`'s."""
+"""Scores of faces, and intervals of mean scores; other proper scores are in `unc_physics.calibration`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 
 def brier_score(classes: np.ndarray, observed: int, count: int) -> float:
-    """Sum of squared differences between the samples' shares of the classes and the outcome: 0 to 2.
+    """Return the sum of squared differences between the samples' class shares and the outcome, 0 to 2.
 
     Parameters
     ----------
     classes : (n,) int array
-        Of the samples, below ``count``.
+        Classes of the samples, below ``count``.
     observed : int
-        The class that came.
+        Observed class.
     count : int
         Number of classes.
     """
@@ -23,11 +23,11 @@ def brier_score(classes: np.ndarray, observed: int, count: int) -> float:
 
 
 def bootstrap(values: np.ndarray, rng: np.random.Generator, resamples: int = 2000) -> tuple[float, float]:
-    """2.5 % and 97.5 % quantiles of the mean of values (n,), drawn anew with replacement."""
+    """Return the 2.5 % and 97.5 % bootstrap quantiles of the mean of values (n,)."""
     drawn = values[rng.integers(len(values), size=(resamples, len(values)))]
     return tuple(np.quantile(drawn.mean(axis=1), [0.025, 0.975]).tolist())
 
 
 def rms(values: np.ndarray) -> float:
-    """Root mean square of values (n,)."""
+    """Return the root mean square of values (n,)."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -18,7 +18,7 @@ OPTIONS = {"monte_carlo": {"samples": 12}}
 
 
 def scenes():
-    """Scenes by name: (scene, belief, horizon [s])."""
+    """Return scenes by name: (scene, belief, horizon [s])."""
     from unc_physics import Belief, RigidBody, Scene, load_model, load_scene
 
     try:
@@ -98,14 +98,14 @@ def scenes():
 
 
 def propagators():
-    """Names and options of all propagators."""
+    """Return names and options of all propagators."""
     from unc_physics import PROPAGATORS
 
     return {name: (name, OPTIONS.get(name, {})) for name in PROPAGATORS}
 
 
 def cases(found):
-    """Pairs of a scene's and a propagator's name that go together."""
+    """Return the compatible pairs of a scene's and a propagator's name."""
     from unc_physics import PROPAGATORS
 
     return [
@@ -118,13 +118,13 @@ def cases(found):
 
 
 def _varies_parameters(kind):
-    """Whether a propagator takes all uncertain parameters."""
+    """Return whether a propagator supports all uncertain parameters."""
     supports = getattr(kind, "supports", None)
     return getattr(kind, "varies_parameters", True) if supports is None else "mass" in supports.parameters
 
 
 def results(scene, belief, horizon, label):
-    """Every array that a prediction gives, and its answers, by name; statuses are judged by `stability`."""
+    """Return every array of a prediction, and its probabilities, by name; `stability` judges statuses."""
     import unc_physics
     from unc_physics import make_propagator, predict
 
@@ -142,13 +142,15 @@ def results(scene, belief, horizon, label):
             arrays["first contacts"] = part[..., 0]
         elif isinstance(part, np.ndarray):
             arrays[field] = part
-    for k, told in enumerate(_contacts(scene, belief, prediction, **asked)):
-        arrays[f"contact {k}"] = np.array([value or 0.0 for value in told])  # older trees say 0 for unknown
+    for k, contact in enumerate(_contacts(scene, belief, prediction, **asked)):
+        arrays[f"contact {k}"] = np.array(
+            [value or 0.0 for value in contact]
+        )  # older trees say 0 for unknown
     return arrays
 
 
 def _contacts(scene, belief, prediction, events=None):
-    """Probability of each contact, and mean and standard deviation of its time; None where little is known,
+    """Yield each contact's probability, and mean and standard deviation of its time; None for wide intervals,
     for which older trees have no estimate.
     """
     if events is None:
@@ -170,7 +172,7 @@ def _contacts(scene, belief, prediction, events=None):
 
 
 def serve():
-    """Answer requests, one JSON object a line: a case, with a file for its arrays."""
+    """Answer requests on standard input: one JSON object a line, with a case and a file for its arrays."""
     import numba
 
     numba.set_num_threads(1)

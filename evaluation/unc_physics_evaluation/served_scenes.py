@@ -1,4 +1,4 @@
-"""A node in a process of its own, and what a robot's perception sends it."""
+"""A node in a separate process, and messages as from a robot's perception."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def served(name: str, parameters: dict[str, Any]) -> Iterator[tuple[Any, int]]:
 
 
 def cpu_time(pid: int) -> float:
-    """Return the CPU time of a process so far [s]; NaN where the system does not tell."""
+    """Return the CPU time of a process so far [s]; NaN if the system does not report it."""
     try:
         with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
             fields = file.read().rpartition(")")[2].split()
@@ -73,7 +73,7 @@ def cpu_time(pid: int) -> float:
 
 
 def scene_message(kind: str, count: int, rng: np.random.Generator, at_rest: bool = False) -> Any:
-    """Return the Scene of detected objects, with errors of their poses drawn anew.
+    """Return the Scene of detected objects, with newly drawn errors of their poses.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def scene_message(kind: str, count: int, rng: np.random.Generator, at_rest: bool
         Number of objects.
     rng : Generator
     at_rest : bool
-        Whether the objects stand; otherwise their velocities are unknown.
+        Whether the objects are at rest; otherwise their velocities are unknown.
     """
     from shape_msgs.msg import Plane, SolidPrimitive
 
@@ -117,7 +117,7 @@ def scene_message(kind: str, count: int, rng: np.random.Generator, at_rest: bool
 
 
 def _object(name, model, place, rng, at_rest):
-    """Return an object that stands upright, as detected."""
+    """Return a detected upright object."""
     from unc_physics_msgs.msg import ObjectState
 
     state = ObjectState(id=name, model=model, at_rest=at_rest)
@@ -131,7 +131,7 @@ def _object(name, model, place, rng, at_rest):
 
 
 def wait_until(condition, timeout: float = 30.0) -> None:
-    """Wait for a condition that another thread makes true."""
+    """Wait until a condition holds that another thread changes."""
     deadline = time.monotonic() + timeout
     while not condition():
         if time.monotonic() > deadline:

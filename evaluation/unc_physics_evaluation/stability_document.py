@@ -18,7 +18,7 @@ from .methods import MONTE_CARLO, label
 from .results import Results, Rows
 from .tables import table
 
-#: What the rows' methods and quantities are called, beside those of `conservation`.
+#: Names of methods and quantities in the rows, beside those of `conservation`.
 MEAN, TRUE = "mean", "truth"
 POSITION_STD, ROTATION_STD, EXTENT, MEASURE = "position_std", "rotation_std", "extent", "measure_"
 GAIN_LIMIT, GAIN_GOAL, LOSS_LIMIT = 0.01, 0.001, 0.02
@@ -42,7 +42,7 @@ DRIFT_LIMIT = 1e-3  # of a body's extent in a second: 0.1 mm/s for 10 cm
 
 
 class Found:
-    """Figures of the experiment by case, method and quantity.
+    """Values of the experiment by case, method and quantity.
 
     Parameters
     ----------
@@ -67,23 +67,23 @@ class Found:
         self.paper = [name for name in complete if name not in hard | everyday]
 
     def by(self, integrator: str) -> list[str]:
-        """The catalogue's cases that ask for an integrator."""
+        """Return the catalogue's cases for an integrator."""
         return [case for case in self.hard if load(case).scene.integrator == integrator]
 
     def propagators(self, case: str) -> list[str]:
-        """Those that made a prediction of a case."""
+        """Return the propagators with a prediction of a case."""
         return [name for name in PROPAGATORS if self.of(case, name, FINITE)]
 
     def of(self, case: str, method: str, quantity: str) -> Mapping[int, float]:
-        """A quantity by body (or 0 where it is the scene's); empty where there is none."""
+        """Return a quantity by body, or by 0 for the scene; empty without rows."""
         return self._by_place.get((case, method, quantity), {})
 
     def one(self, case: str, method: str, quantity: str) -> float:
-        """The scene's quantity; NaN where there is none."""
+        """Return a quantity of the scene; NaN without a row."""
         return self.of(case, method, quantity).get(0, math.nan)
 
     def judged(self, case: str, method: str) -> list[Judged]:
-        """Each moving body's prediction against the truth; one that ended in an error is bad and flagged."""
+        """Compare each moving body's prediction with the truth; a failed prediction is bad and flagged."""
         extents = self.of(case, TRUE, EXTENT)
         if not self.one(case, method, FINITE):
             return [Judged(math.nan, math.nan, True, True)] * len(extents)
@@ -104,43 +104,43 @@ class Found:
         ]
 
     def _confirmed(self, case, method, body):
-        """Measures of samples of another method that are above their limits, too, surely or not.
+        """Return the measures of another method's samples that also exceed their limits, surely or not.
 
-        Of `SHAPE`, any one confirms all.
+        Any measure of `SHAPE` confirms all of them.
         """
         others = {MONTE_CARLO, ANYTIME} - {method}
         found = set().union(*(self._reasons(case, other, body, surely=False) for other in others))
         return found | SHAPE if found & SHAPE else found
 
     def _impossible(self, case):
-        """Whether bodies go through each other, or rollouts gain energy."""
+        """Return whether bodies pass through each other, or rollouts gain energy."""
         return self.one(case, MEAN, PASSED) == 1.0 or self.one(case, MONTE_CARLO, GAIN) > GAIN_OF_ROLLOUTS
 
     def says(self, case: str, method: str, flag: Status) -> bool:
-        """Whether a prediction carries a flag for any body."""
+        """Return whether a prediction has a flag for any body."""
         bodies = self.of(case, TRUE, EXTENT)
         return any(RULES[name].flag in flag for k in bodies for name in self._reasons(case, method, k))
 
     def _reasons(self, case, method, body, surely=True):
-        """Measures of a prediction that raise flags by the present limits, without resolved overlap."""
+        """Return the measures that raise flags by the present limits, except resolved overlap."""
         found = {name: self.of(case, method, MEASURE + name).get(body) for name in RULES}
         values = {name: value for name, value in found.items() if value is not None}
         return {name for name in raised(values, surely=surely) if RULES[name].flag not in IGNORED}
 
 
 def runs_on(integrator: str) -> list[str]:
-    """Propagators that work with an integrator."""
+    """Return the propagators that support an integrator."""
     return [name for name, cls in PROPAGATORS.items() if integrator in cls.integrators]
 
 
 def sections(results: Results) -> str:
-    """Goals, and rates of the flags."""
+    """Return the sections on goals and on rates of flags."""
     found = Found(results.rows("stability"))
     return "\n".join(["", _goals(found), _rates(results, found)])
 
 
 def _goals(found):
-    """Which cases miss what is wanted of a step."""
+    """Return the table of goals of a step, with the cases that miss them."""
     implicit, explicit, hard = found.by("implicit"), found.by("explicit"), found.hard
     lossless = [case for case in implicit if found.of(case, MEAN, CHANGE)]
     resting = [case for case in implicit if case in AT_REST]
@@ -182,7 +182,7 @@ def _passes_silently(found, case):
 
 
 def _is_flagged(found, case):
-    """Whether all predictions of a case say that they are not converged."""
+    """Return whether all predictions of a case are flagged as not converged."""
     return all(found.says(case, method, Status.NOT_CONVERGED) for method in found.propagators(case))
 
 
@@ -199,7 +199,7 @@ def _is_indefinite(found, case):
 
 
 def _rates(results, found):
-    """How many predictions of bodies were wrong and right, and how many of each are flagged."""
+    """Return the table of wrong and right predictions of bodies, and of the flagged ones among each."""
     groups = {"catalogue": found.hard, "the paper's scenes": found.paper, "everyday motions": found.everyday}
     lines = []
     for method in (*PROPAGATORS, None):

@@ -1,4 +1,4 @@
-"""Paired timings: what is compared runs in turns, so that a busy machine slows all of it alike."""
+"""Paired timings: compared functions run in turns, so that other load slows all of them equally."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def paired(
     Parameters
     ----------
     functions : mapping to callable
-        Each is called with the number of the round. One call of each comes first and is not counted.
+        Each is called with the number of the round, after one call that is not measured.
     repeats : int
         Number of rounds.
     clock : callable
@@ -49,7 +49,7 @@ def timed(
     rounds: int,
     clock=time.process_time,
 ) -> list[Row]:
-    """Rows of the times of functions, each known by method, samples and quantity."""
+    """Return rows of the times of functions, by method, samples and quantity."""
     return [
         Row(method, quantity, "s", float(seconds), samples, k)
         for (method, samples, quantity), taken in paired(functions, rounds, clock).items()

@@ -1,4 +1,4 @@
-"""Distance between two distributions given by samples: W1, for positions and for rotations."""
+"""W1 distance between samples of two distributions, for positions and for rotations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _PIVOTS = 10_000_000  # of the network simplex; a thousand points take some ten 
 
 
 class Distance(NamedTuple):
-    """W1 between two sets of states, for each body.
+    """W1 between two sets of states for each body.
 
     Attributes
     ----------
@@ -31,30 +31,30 @@ class Distance(NamedTuple):
 
 
 def euclidean(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Distances (n, m) between points ``x`` (n, 3) and ``y`` (m, 3), in their unit."""
+    """Return distances (n, m) between points ``x`` (n, 3) and ``y`` (m, 3)."""
     return cdist(x, y)
 
 
 def geodesic(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Angles (n, m) [degrees] of the rotations that lead from ``x`` (n, 4) to ``y`` (m, 4), unit quaternions.
+    """Return angles (n, m) [degrees] of the rotations from ``x`` (n, 4) to ``y`` (m, 4), unit quaternions.
 
     Notes
     -----
-    From the chord between the quaternions, the shorter to y or -y, which are one rotation: exact for small
-    angles too, where the arc cosine of the scalar product loses half of the digits.
+    They are computed from the shorter chord to y or -y, which are the same rotation. This is also exact for
+    small angles, where the arc cosine of the scalar product loses half of the digits.
     """
     chord = np.minimum(cdist(x, y), cdist(x, -np.asarray(y)))
     return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 
 
 def geodesic_of_pairs(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Angles (...) [degrees] between unit quaternions ``x`` (..., 4) and ``y``, each with its own."""
+    """Return elementwise angles (...) [degrees] between unit quaternions ``x`` and ``y`` (..., 4)."""
     chord = np.minimum(np.linalg.norm(x - y, axis=-1), np.linalg.norm(x + y, axis=-1))
     return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 
 
 def wasserstein(x: np.ndarray, y: np.ndarray, distance: Callable = euclidean) -> float:
-    """Exact W1 between two sets of samples of equal weights (network simplex of POT).
+    """Return the exact W1 between two sets of samples of equal weights (network simplex of POT).
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def wasserstein(x: np.ndarray, y: np.ndarray, distance: Callable = euclidean) ->
 
 
 def state_distance(x: np.ndarray, y: np.ndarray) -> Distance:
-    """Distance between two sets of scene states, body by body.
+    """Return the distance between two sets of scene states for each body.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Work and precision: how far off an engine is with a time step, and what its steps cost."""
+"""Work and precision: error and CPU time of engines over the time step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .wasserstein import geodesic_of_pairs, state_distance
 
 SCENES = MANIPULATION | PILES
 RATES = (60, 120, 240, 500, 1000, 2000)  # steps in a second
-UNIT = 240  # times are told beside those of ours at this rate
+UNIT = 240  # reference rate of our times in the report
 #: Steps in a second that count as converged. PyBullet does not converge: from 2000 on a sliding can hops, and
 #: falls off a shelf on which it stays at 120 to 1000.
 CONVERGED = {OURS: 8000, "pybullet": 1000, "mujoco": 8000}
@@ -42,14 +42,14 @@ HEAD = (
 
 
 def parameters(settings, section, scene, engine, rate, converged, count) -> dict:
-    """Those of a job, the same for all of an experiment."""
+    """Return the parameters of a job, equal for all jobs of an experiment."""
     return settings.parameters(
         section=section, scene=scene, engine=engine, rate=rate, converged=converged, samples_each=count
     )
 
 
 def jobs(settings: Settings, experiment: str, section: str) -> list[Job]:
-    """Every scene in every engine that is there, at every rate."""
+    """Return a job for every scene in every installed engine at every rate."""
     found = []
     for scene, (count, cost) in (QUICK_SIZES if settings.quick else SIZES).items():
         for engine in available():
@@ -62,7 +62,7 @@ def jobs(settings: Settings, experiment: str, section: str) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """Final states and the time of a rollout; at the converged rate also those of a second set of samples."""
+    """Return final states and time of a rollout; at the converged rate also of a second set of samples."""
     p = job.parameters
     make, _ = SCENES[p["scene"]]
     scene, belief, horizon = make()
@@ -96,7 +96,7 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results, rows: Rows) -> str:
-    """A table for each scene, and a picture of all."""
+    """Return a table for each scene, and a picture of all."""
     from .plots import draw_work_precision
 
     panels = {}
@@ -122,9 +122,9 @@ def report(results: Results, rows: Rows) -> str:
 
 
 def _errors(results, scene, rows):
-    """For each engine its curve, and the lines of the table.
+    """Return the curve of each engine, and the lines of the table.
 
-    A curve holds CPU times [s], medians of the position errors [m], W1 of positions [m], all by rate, and the
+    A curve has CPU times [s], median position errors [m] and W1 of positions [m] at each rate, and the
     floor [m].
     """
     curves, lines = {}, []
@@ -162,5 +162,5 @@ def _errors(results, scene, rows):
 
 
 def _fate(scene, states):
-    """Whether bodies are in place, and whether they are upright (2, N, B), of states (N, B, 13)."""
+    """Return whether bodies are in place and whether they are upright (2, N, B), for states (N, B, 13)."""
     return np.array([SCENES[scene][1](states), is_upright(states)])

@@ -5,12 +5,12 @@ A module defines
 ``TITLE`` : str
 ``jobs(settings)`` : list of Job
 ``missing(settings)`` : list of str, optional
-    What is left out for want of something, and how to get it.
+    What is omitted because something is not installed, and how to get it.
 ``run(job)`` : Outcome
 ``report(results)`` : str
-    Markdown, from the rows of the finished jobs; draws the figures that it shows.
+    Markdown from the rows of finished jobs; draws its figures.
 ``verdict(results)`` : str, optional
-    A sentence on what was to be reached.
+    A sentence on the goals.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from types import ModuleType
 
 from unc_physics.checks.errors import InvalidOptionError
 
-#: Those that run where none is named.
+#: Experiments that run by default.
 DEFAULT = (
     "collision_free",
     "speed_against_error",
@@ -32,7 +32,7 @@ DEFAULT = (
     "regions",
     "calibration",
 )
-#: Those that take long alone on the machine, or need more than this package.
+#: Experiments that take long alone on the machine, or need more than this package.
 BY_NAME = (
     "collisions",
     "storage",
@@ -49,12 +49,12 @@ NAMES = DEFAULT + BY_NAME
 
 
 def experiment(name: str) -> ModuleType:
-    """The experiment of that name.
+    """Return the module of an experiment.
 
     Raises
     ------
     InvalidOptionError
-        If there is none.
+        If there is no experiment of this name.
     """
     if name not in NAMES:
         raise InvalidOptionError(f"must be one of {', '.join(NAMES)}", field="experiment", value=name)

@@ -25,7 +25,7 @@ COLUMNS = (("linear_velocity", POSITION_ERROR, "m"), ("angular_velocity", ROTATI
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """For each uncertain velocity, several independent truths."""
+    """Return a job for each uncertain velocity and each of several independent truths."""
     size, repeats = (200, 2) if settings.quick else (1000, 10)
     return [
         Job(
@@ -41,7 +41,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """W1 of every method after 4 s."""
+    """Return W1 of every method after 4 s."""
     p = job.parameters
     scene, belief, horizon = collision_free(p["uncertain"], p["model"], p["spheres"], p["sigma"])
     truth, second = two_truths(scene, belief, horizon, job)
@@ -50,7 +50,7 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """Table 2, with mean and scatter over the truths."""
+    """Return Table 2, with mean and scatter over the truths."""
     rows = results.rows("collision_free")
     shown = [(name, None) for name in rows.unique("method") if name not in (MONTE_CARLO, FLOOR, GAUSSIAN)]
     shown += [(MONTE_CARLO, count) for count in reversed(COUNTS)]

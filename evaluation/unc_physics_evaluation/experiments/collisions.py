@@ -28,7 +28,7 @@ SIZES, MIDDLE = (10, 100, 1000, 10_000, LARGE), 0.05
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Errors for each model and uncertainty; times for each model and number of spheres, alone."""
+    """Return jobs for errors at each uncertainty, and for times at each number of spheres, of each model."""
     truth, sigmas, sizes = (200, FEW_SIGMAS, SIZES[:3]) if settings.quick else (1000, SIGMAS, SIZES)
     rounds = 1 if settings.quick else 5
 
@@ -46,12 +46,12 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def missing(settings: Settings) -> list[str]:
-    """Packings that there are not."""
+    """Return missing packings."""
     return [] if settings.quick else missing_packings()
 
 
 def run(job: Job) -> Outcome:
-    """W1 of every method after 5 s, or CPU times of whole predictions."""
+    """Return W1 of every method after 5 s, or CPU times of predictions."""
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"], p["sigma"])
     if p["rounds"]:
@@ -61,7 +61,7 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """The two tables that the figures of the results page are drawn from."""
+    """Return the two tables of which the results page has figures."""
     rows = results.rows("collisions")
     return _errors(results, rows.where(rounds=0)) + "\n" + _times(results, rows.where(truth=0))
 

@@ -1,6 +1,4 @@
-"""Covariances where things lie, slide, bounce and roll, and where a robot acts: linearization and the others
-against many samples.
-"""
+"""Covariances of bodies that rest, slide, bounce, roll, or that a robot moves: methods against samples."""
 
 from __future__ import annotations
 
@@ -34,7 +32,7 @@ ACTING = [name for name in METHODS if "implicit" in PROPAGATORS[name].supports.a
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """One for each case."""
+    """Return a job for each case."""
     samples = QUICK if settings.quick else SAMPLES
     return [
         Job("covariances", settings.parameters(case=name, belief=TIGHT, truth=samples), cost=samples * 2e-3)
@@ -43,7 +41,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """Standard deviations of pose along the world's axes: the truth's, its halves', and the methods'."""
+    """Return standard deviations of the pose along world axes: of the truth, its halves, and the methods."""
     p = job.parameters
     given, seed = case(p["case"], p["belief"]), job.seed(TRUTH)
     truth = make_propagator(MONTE_CARLO, samples=p["truth"], seed=seed)
@@ -62,12 +60,12 @@ def run(job: Job) -> Outcome:
 
 
 def _methods(name):
-    """Those that are compared in a case."""
+    """Return the compared methods of a case."""
     return ACTING if name in ACTION_CASES else METHODS
 
 
 def _rows(method, belief, samples, seed):
-    """Standard deviations along x, y and z, and of the rotation about them."""
+    """Return rows of the standard deviations along and about x, y and z."""
     R, P = rotation_matrix(belief.mean[0, QUATERNION]), belief.blocks[0]
     variances = np.concatenate(
         [np.diag(P[ERR_POSITION, ERR_POSITION]), np.diag(R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T)]
@@ -79,7 +77,7 @@ def _rows(method, belief, samples, seed):
 
 
 def sections(results: Results) -> dict[str, list[Figure]]:
-    """Linearization's worst error, and whether the status flags it."""
+    """Return the section on linearization's worst errors, and whether the status flags them."""
     rows = results.rows("covariances")
     tight, acting = [], []
     for name in rows.unique("case"):
@@ -100,7 +98,7 @@ def sections(results: Results) -> dict[str, list[Figure]]:
 
 
 def _stds(rows, name):
-    """(6,) by method."""
+    """Return standard deviations (6,) by method."""
     return {
         method: np.array([rows.where(method=method, quantity=axis)[0]["value"] for axis in AXES])
         for method in (TRUTH, *HALVES, *_methods(name))
@@ -108,7 +106,7 @@ def _stds(rows, name):
 
 
 def _off(found, truth, k):
-    """Share by which a standard deviation is off; 0 where both are nothing."""
+    """Return the relative error of a standard deviation; 0 if both are 0."""
     nothing = NOTHING[k // 3]
     if found[k] < nothing and truth[k] < nothing:
         return 0.0
@@ -119,5 +117,5 @@ verdict = goals_met_by(sections)
 
 
 def report(results: Results) -> str:
-    """The tables."""
+    """Return the tables."""
     return goal_tables(sections(results))

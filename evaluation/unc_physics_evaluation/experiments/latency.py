@@ -26,7 +26,7 @@ _HORIZON = 1.0  # s, of the service's requests
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """A stream of each number of objects, and requests of each scene."""
+    """Return jobs for a stream of each number of objects, and for requests of each scene."""
     seconds = 4.0 if settings.quick else 20.0
     parts = [
         {"by": by, "scene": TABLE, "objects": count, "amount": seconds}
@@ -46,14 +46,14 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def missing(settings: Settings) -> list[str]:
-    """ROS 2, where it is not installed."""
+    """Return ROS 2 if it is not installed."""
     from importlib.util import find_spec
 
     return [] if find_spec("rclpy") else ["the node: it needs ROS 2 (rclpy)"]
 
 
 def run(job: Job) -> Outcome:
-    """Latencies of one scene, from the stamp of the input or the call to the answer."""
+    """Return latencies of one scene, from the input's stamp or the call to the answer."""
     from importlib.util import find_spec
 
     if not find_spec("rclpy"):
@@ -143,7 +143,7 @@ def _stream(node, make, seconds, pid):
 
 
 def report(results: Results) -> str:
-    """Rates and latencies, and which goals are met."""
+    """Return tables of rates and latencies, and of goals."""
     head, *lines = _lines(results)
     return results.table("node_latency", head, lines) + goal_tables(_figures(results))
 

@@ -1,4 +1,4 @@
-"""Sphere packing: fill, time and memory, checked by code that is not ours."""
+"""Sphere packing: fill, time and memory, checked by independent code."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OVERLAP, PROTRUSION, OUTSIDE, LATER = "overlap", "protrusion", "outside", "large
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Every model whose mesh is there with every number of spheres, alone on the machine."""
+    """Return a job for every available mesh with every number of spheres, alone on the machine."""
     if find_spec("igl") is None:
         return []
     models = _models(settings)
@@ -48,7 +48,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def missing(settings: Settings) -> list[str]:
-    """Meshes that are no part of the repository, and libigl."""
+    """Return missing meshes that are not in the repository, and libigl."""
     if find_spec("igl") is None:
         return ["packing: libigl, which checks it, is not installed; pip install libigl"]
     absent = [model for model in MODELS if model not in _models(settings)]
@@ -57,7 +57,7 @@ def missing(settings: Settings) -> list[str]:
 
 
 def run(job: Job) -> Outcome:
-    """Pack in a process of its own, whose memory nothing else has used."""
+    """Pack in a separate process, to measure its memory."""
     p = job.parameters
     meshes = None if p["meshes"] == NO_MESHES else p["meshes"]
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as executor:
@@ -65,7 +65,7 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """All that was measured of each packing."""
+    """Return a table of all measurements of each packing."""
     rows = results.rows("packing")
     lines = []
     for here in (rows.where(model=model, spheres=n) for n in rows.unique("spheres") for model in MODELS):
@@ -86,7 +86,7 @@ def report(results: Results) -> str:
 
 
 def _models(settings):
-    """Models whose mesh is made here, or is in the folder of meshes."""
+    """Return the models with a built-in mesh or one in the folder of meshes."""
     folder = settings.meshes
     return [
         model
@@ -121,7 +121,7 @@ def measure(model: str, count: int, meshes: str | None) -> list[Row]:
 
 
 def checks(corners, spheres):
-    """Deepest overlap and protrusion, in bounding radii; spheres outside; share of spheres out of order."""
+    """Return deepest overlap and protrusion in bounding radii, spheres outside, and share out of order."""
     import igl
 
     centers, radii = np.ascontiguousarray(spheres[:, :3]), spheres[:, 3]
@@ -139,7 +139,7 @@ def checks(corners, spheres):
 
 
 def deepest_overlap(centers, radii):
-    """Largest r_i + r_j - d_ij; a sphere meets smaller ones within twice its radius."""
+    """Return the largest r_i + r_j - d_ij; a sphere overlaps only smaller ones within twice its radius."""
     from scipy.spatial import cKDTree
 
     order = np.argsort(-radii)

@@ -32,7 +32,7 @@ _MUJOCO_SPHERES_COST = 0.08  # s
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Every engine that is there, with spheres and with other geometries."""
+    """Return a job for every installed engine, with spheres and with other geometries."""
     truth, rounds = (100, 2) if settings.quick else (1000, 7)
     models = MODELS[:1] if settings.quick else MODELS
     made = []
@@ -61,12 +61,12 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def missing(settings: Settings) -> list[str]:
-    """Engines that are not installed."""
+    """Return missing engines."""
     return missing_engines("peers")
 
 
 def run(job: Job) -> Outcome:
-    """Errors of Monte Carlo to the engine's own truth, and CPU times of its rollouts beside ours."""
+    """Return errors of Monte Carlo to the engine's own truth, and CPU times of its and our rollouts."""
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"], p["sigma"])
     steps = round(horizon / scene.dt)
@@ -109,7 +109,7 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """Time of a rollout, in each engine with each geometry."""
+    """Return a table of the time of a rollout in each engine with each geometry."""
     rows = results.rows("peers")
     models = rows.unique("model")
     cases = [
@@ -129,7 +129,7 @@ def report(results: Results) -> str:
 
 
 def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice]]]:
-    """For each model and other engine, Monte Carlo's time and error over the floor."""
+    """Return Monte Carlo's time and error over the floor for each model and other engine."""
     made: dict[str, dict[str, list[Choice]]] = {}
     for model in rows.unique("model"):
         for engine in rows.unique("engine"):
@@ -164,7 +164,7 @@ def _name(engine, geometry):
 
 
 def _curve(rows, quantity):
-    """(samples, error over the floor) of Monte Carlo in one engine."""
+    """Return (samples, error over the floor) of Monte Carlo in one engine."""
     floor = rows.where(method=FLOOR, quantity=quantity).mean()
     errors = rows.where(method=MONTE_CARLO, quantity=quantity)
     return [(n, errors.where(samples=n).mean() / floor) for n in sorted(errors.unique("samples"))]

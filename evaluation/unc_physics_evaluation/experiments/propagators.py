@@ -1,4 +1,4 @@
-"""Time of the propagators beside Monte Carlo with ten samples, with ever more spheres."""
+"""Time of the propagators relative to Monte Carlo with ten samples, over the number of spheres."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GOALS = {"linearization": 9.0, "surrogate": 5.0, "local_sampling": 3.0, "sigma_p
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Each model with each number of spheres, alone on the machine."""
+    """Return a job for each model with each number of spheres, alone on the machine."""
     rounds = 3 if settings.quick else 15
     spheres = SPHERES[:3] if settings.quick else SPHERES
     return [
@@ -40,15 +40,15 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def missing(settings: Settings) -> list[str]:
-    """Packings that there are not."""
+    """Return missing packings."""
     return [] if settings.quick else missing_packings()
 
 
 def run(job: Job) -> Outcome:
-    """Whole predictions, and the nominal rollout.
+    """Return times of predictions and of the nominal rollout.
 
-    Each round has another mean, drawn from the belief: one nominal rollout may have far more or less contact
-    than those about it, and would say more of the scene than of the method.
+    Each round has another mean, drawn from the belief, because a single nominal rollout may have far more or
+    fewer contacts than its neighbours.
     """
     p = job.parameters
     scene, belief, horizon = collision(p["model"], p["spheres"])
@@ -68,7 +68,7 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """How many times faster than MC-10 each is, and what is met and missed."""
+    """Return a table of speed relative to MC-10, and of goals."""
     rows = results.rows("propagators")
     models = rows.unique("model")
     lines = []
@@ -102,7 +102,7 @@ def _by_scene(rows) -> list[Rows]:
 
 
 def _method_figures(rows, method, samples):
-    """Times and, of what rests on one nominal rollout, how much of it that is."""
+    """Return the times, also as multiples of a nominal rollout."""
     spheres, found = rows[0]["spheres"], rows.where(method=method, samples=samples)
     times, nominal = found.where(quantity=CPU_TIME), rows.where(method=NOMINAL, quantity=CPU_TIME)
     note = f"{number(1e3 * times.median())} ms"

@@ -1,4 +1,4 @@
-"""Reality: predicted distributions of recorded motions, by ours, by other engines, and without physics."""
+"""Predicted distributions of recorded motions: by unc_physics, by other engines, and without physics."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _WIDE = 1.0
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Each fold of each set by ours and each engine, with defaults and calibrated, and without physics."""
+    """Return a job for each fold of each set and each prediction."""
     size = QUICK if settings.quick else FULL
     found = []
     for name, own in read_sets(settings.data).items():
@@ -104,7 +104,7 @@ def _cost(own, p, count):
 
 
 def missing(settings: Settings) -> list[str]:
-    """Engines that are not installed."""
+    """Return missing engines."""
     return missing_engines("reality")
 
 
@@ -170,7 +170,7 @@ def _by_physics(own: RecordedSet, tests, others, p, seed: int) -> list[Row]:
 
 
 def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
-    """The scene of a set without calibration: as it is, exact, packed, or as an engine takes it."""
+    """Return the scene of a set without calibration: default, exact, packed, or for an engine."""
     if given in PACKED:
         body = scene.bodies[0]
         packed = replace(body, model=own.solid.packed(PACKED[given]), inertia=body.unit_inertia)
@@ -188,7 +188,7 @@ def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
 
 
 def _calibrated(own: RecordedSet, others, p, simulate: Simulator, seed: int) -> tuple[Model, list]:
-    """The model fitted to other motions, and its values."""
+    """Return the model fitted to other motions, and its values."""
     scene = own.measured_scene(others)
     names = DEFAULT if p["by"] == OURS else [name for name in DEFAULT if name != "impact_friction_speed"]
     if own.starts is not None:
@@ -214,7 +214,7 @@ def _rows(
     k: int,
     seed: int,
 ) -> Iterator[Row]:
-    """Scores of states (n, 13) against poses (7,); a short motion has no longer times than its end."""
+    """Return scores of states (n, 13) against poses (7,), for times within the motion."""
     for when, x, pose in zip((*TIMES[: len(poses) - 1], TIMES[-1]), states, poses, strict=True):
         errors = pose_errors(x, pose)
         found = {
@@ -235,7 +235,7 @@ def _rows(
 
 
 def report(results: Results) -> str:
-    """The tables, which are also written as CSV files, and the reliability figure."""
+    """Return the tables, and write them as CSV files."""
     from ..reality_report import reality_report
 
     return reality_report(results)

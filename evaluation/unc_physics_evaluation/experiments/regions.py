@@ -1,4 +1,4 @@
-"""Regions of 90 %: how many outcomes of random everyday scenes they hold."""
+"""Share of outcomes of random everyday scenes in 90 % regions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ROLLOUTS = "rollouts"
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """One for each scene."""
+    """Return a job for each scene."""
     scenes, outcomes = (len(KINDS), 200) if settings.quick else (SCENES, OUTCOMES)
     return [
         Job("regions", settings.parameters(scene=k, truth=outcomes), cost=outcomes * 3e-3)
@@ -42,7 +42,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """Shares of the outcomes that each method's regions hold."""
+    """Return the shares of outcomes in each method's regions."""
     scene, belief, horizon = random_case(job.parameters["scene"])
     count, seed = job.parameters["truth"], job.seed("truth")
     outcomes = predict(scene, belief, make_propagator(MONTE_CARLO, samples=count, seed=seed), horizon)
@@ -66,7 +66,7 @@ def run(job: Job) -> Outcome:
 
 
 def sections(results: Results) -> dict[str, list[Figure]]:
-    """Each method's share over all scenes."""
+    """Return the section on each method's share over all scenes."""
     rows = results.rows("regions")
     figures, others = [], []
     for name in METHODS:
@@ -92,7 +92,7 @@ verdict = goals_met_by(sections)
 
 
 def report(results: Results) -> str:
-    """Shares of all methods, then beside their goals with intervals."""
+    """Return tables of the shares of all methods, and of goals with intervals."""
     rows, lines = results.rows("regions"), []
     for name in METHODS:
         of = {part: rows.where(method=name, quantity=part).values() for part in PARTS}

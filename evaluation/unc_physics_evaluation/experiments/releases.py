@@ -1,4 +1,4 @@
-"""Releases and pushes: how many outcomes lie in the 90 % regions that the node publishes."""
+"""Releases and pushes: share of outcomes in the 90 % regions that the node publishes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _RETURNED = 1000
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Releases and pushes, fifty of each."""
+    """Return jobs for fifty releases and fifty pushes."""
     count = 5 if settings.quick else 50
     return [
         Job("releases", settings.parameters(action=action, count=count), cost=60.0, alone=True)
@@ -46,14 +46,14 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def missing(settings: Settings) -> list[str]:
-    """ROS 2, where it is not installed."""
+    """Return ROS 2 if it is not installed."""
     from importlib.util import find_spec
 
     return [] if find_spec("rclpy") else ["the node: it needs ROS 2 (rclpy)"]
 
 
 def run(job: Job) -> Outcome:
-    """Whether each outcome lies in each region: 0 or 1."""
+    """Return whether each outcome lies in each region: 0 or 1."""
     from importlib.util import find_spec
 
     if not find_spec("rclpy"):
@@ -145,7 +145,7 @@ def mujoco_end(scene: Scene, state: np.ndarray, seed: int) -> np.ndarray:
 
 
 def held(predicted, end: np.ndarray) -> dict[str, bool]:
-    """Return for each kind of region whether it holds a position (3,).
+    """Return whether each kind of region contains a position (3,).
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _origin(body, x):
 
 
 def report(results: Results) -> str:
-    """A table of shares with their binomial intervals."""
+    """Return a table of shares with binomial intervals."""
     head = ["action", "outcomes of", "region of", "outcomes", "held [%]", "95 % interval [%]"]
     lines = [
         [action, by, region, str(count), f"{100.0 * share:.0f}", f"{100.0 * low:.0f} to {100.0 * high:.0f}"]
@@ -186,7 +186,7 @@ def report(results: Results) -> str:
 
 
 def verdict(results: Results) -> str:
-    """One sentence on how many intervals hold 90 %."""
+    """Return a sentence on the number of intervals that contain 90 %."""
     found = [low <= LEVEL <= high for *_, (low, high) in _shares(results)]
     return f"{sum(found)} of {len(found)} binomial intervals hold 90 %"
 

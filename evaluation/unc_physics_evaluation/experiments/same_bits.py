@@ -1,4 +1,4 @@
-"""The explicit step against the revision that the paper is held to: the same results, to the last bit?"""
+"""Comparison of the explicit step with the reference revision of the paper, to the last bit."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SAME = "same_bits_as_before"
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """One, alone on the machine; another one for other sources."""
+    """Return one job, alone on the machine, whose key depends on the sources."""
     if missing(settings):
         return []
     parameters = settings.parameters(before=PAPER, after=fingerprint(ROOT))
@@ -39,7 +39,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def missing(settings: Settings) -> list[str]:
-    """The revision, where there is no checkout that knows it."""
+    """Return the reference revision if the checkout does not contain it."""
     command = ["git", "-C", str(ROOT), "cat-file", "-e", f"{PAPER}^{{commit}}"]
     try:
         known = subprocess.run(command, capture_output=True, check=False).returncode == 0
@@ -49,9 +49,9 @@ def missing(settings: Settings) -> list[str]:
 
 
 def run(job: Job) -> Outcome:
-    """Every array that both trees predict, compared.
+    """Compare every array that both trees predict.
 
-    Each tree runs in a process of its own, with a compile cache of its own.
+    Each tree runs in its own process with its own compile cache.
     """
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -64,14 +64,14 @@ def run(job: Job) -> Outcome:
                 found, expected = (
                     tree.arrays(Path(folder) / "arrays.npz", request) for tree in (after, before)
                 )
-                for array in expected:  # what a carry has besides by now has nothing to be compared with
+                for array in expected:  # newer parts of a carry have no counterpart
                     same = array in found and _same(found[array], expected[array])
                     rows.append(Row(name, f"{SAME}, {scene}, {array}", "1", int(same)))
     return Outcome(rows)
 
 
 def report(results: Results) -> str:
-    """A line for each prediction."""
+    """Return a table with a line for each prediction."""
     rows = _latest(results)
     lines = []
     for scene, name, arrays in _predictions(rows):
@@ -82,7 +82,7 @@ def report(results: Results) -> str:
 
 
 def verdict(results: Results) -> str:
-    """Whether all is the same."""
+    """Return whether all arrays are equal."""
     found = list(_predictions(_latest(results)))
     different = [f"{scene} by {name}" for scene, name, arrays in found if not all(arrays.values())]
     if different:
@@ -91,7 +91,7 @@ def verdict(results: Results) -> str:
 
 
 def fingerprint(folder: Path) -> str:
-    """A hash of the sources of a tree's package."""
+    """Return a hash of the sources of a tree's package."""
     digest = hashlib.sha256()
     for path in sorted((folder / "unc_physics").rglob("*.py")):
         digest.update(path.read_bytes())
@@ -99,13 +99,13 @@ def fingerprint(folder: Path) -> str:
 
 
 def _latest(results):
-    """Rows of the present tree, or of any other where there are none."""
+    """Return rows of the present tree; without any, all rows."""
     rows = results.rows("same_bits")
     return rows.where(after=fingerprint(ROOT)) or rows
 
 
 def _predictions(rows) -> Iterator[tuple[str, str, Mapping[str, bool]]]:
-    """Scene, propagator, and whether each array is the same."""
+    """Yield scene, propagator, and whether each array is equal."""
     found = {}
     for row in rows:
         if row["quantity"].startswith(SAME):
@@ -123,13 +123,13 @@ class _Tree:
         self.cases = [tuple(case) for case in json.loads(self._answer())]
 
     def arrays(self, file, request) -> dict[str, np.ndarray]:
-        """All arrays of a prediction, by name."""
+        """Return all arrays of a prediction by name."""
         self.ask(**request, file=str(file))
         with np.load(file) as content:
             return dict(content)
 
     def ask(self, **request) -> str:
-        """The answer to a request."""
+        """Return the answer to a request."""
         self._process.stdin.write(json.dumps(request) + "\n")
         self._process.stdin.flush()
         return self._answer()
@@ -157,7 +157,7 @@ def _served(folder) -> Iterator[_Tree]:
 
 
 def _extract(revision, folder):
-    """Put a revision's files into a folder."""
+    """Extract a revision's files into a folder."""
     command = ["git", "-C", str(ROOT), "archive", revision]
     archive = subprocess.run(command, capture_output=True, check=True).stdout
     with tarfile.open(fileobj=io.BytesIO(archive)) as files:

@@ -1,4 +1,4 @@
-"""Random everyday scenes: how many bodies each method gets wrong, and whether flags or intervals say so."""
+"""Random everyday scenes: share of wrong predictions of each method, and of those without warning."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ TIME = "wall time"
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """One for each scene."""
+    """Return a job for each scene."""
     scenes, outcomes = (QUICK_SCENES, QUICK_OUTCOMES) if settings.quick else (SCENES, OUTCOMES)
     return [
         Job("scenes_at_random", settings.parameters(scene=k, truth=outcomes), cost=outcomes * 5e-3)
@@ -60,7 +60,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """Distance of each body's moments from the truth, its flags, and whether its intervals hold."""
+    """Return each body's errors, its flags, and whether its intervals contain the truth."""
     scene, belief, horizon = scene_at_random(job.parameters["scene"])
     own = make_propagator(MONTE_CARLO, samples=job.parameters["truth"], seed=job.seed("truth"))
     truth = predict(scene, belief, own, horizon)
@@ -72,16 +72,16 @@ def run(job: Job) -> Outcome:
 
 
 def reasons(status: BodyStatus, *, surely: bool = True) -> set[str]:
-    """Names of the measures that raise flags of a body."""
+    """Return the names of the measures that raise flags of a body."""
     return {name for name in raised(status.measures, surely=surely) if RULES[name].flag not in IGNORED}
 
 
 def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
-    """Rows of one method; none where it does not take the scene.
+    """Return rows of one method; none if it does not support the scene.
 
-    A flag is confirmed where the same measure of the truth is above its limit, surely or not. Of those that
-    say that no mean stands for the outcomes (`SHAPE`), any one of the truth's confirms any. That a goal is
-    missed is confirmed where the truth's outcomes vary so much (`misses_goal`).
+    A flag is confirmed if the same measure of the truth exceeds its limit, surely or not. Any measure of
+    `SHAPE` confirms any other, as they all mean that no mean represents the outcomes. A missed goal is
+    confirmed if the truth's outcomes vary enough (`misses_goal`).
     """
     scene, belief, horizon = scene_at_random(job.parameters["scene"])
     of, options = METHODS[name]
@@ -120,9 +120,9 @@ def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
 
 
 def misses_goal(truth, body: int, rollouts: int, own: Auto) -> bool:
-    """Whether so many independent rollouts know a body's mean and spread less surely than asked.
+    """Return whether a number of independent rollouts misses the goal for a body's mean and spread.
 
-    The standard errors are those of the truth's outcomes.
+    The standard errors are computed from the truth's outcomes.
     """
     states = np.ascontiguousarray(truth.at().rollout_states[:, body : body + 1])
     errors = mean_and_errors(states, np.arange(1))[1]
@@ -137,7 +137,7 @@ def misses_goal(truth, body: int, rollouts: int, own: Auto) -> bool:
 
 
 def holds(measures: Mapping[str, float], found: Moments, true: Moments) -> bool:
-    """Whether intervals of the reported standard errors, as wide as those of probabilities, hold."""
+    """Return whether intervals from the reported standard errors contain the truth."""
     if not {"spread_error", "mean_error"} <= set(measures):
         return False
     factor, _ = distance(found, true)
@@ -147,7 +147,7 @@ def holds(measures: Mapping[str, float], found: Moments, true: Moments) -> bool:
 
 
 def answers(rows: Rows) -> dict[str, list[Answer]]:
-    """The answers of each method, one for each body that it took."""
+    """Return the answers of each method, one for each predicted body."""
     found: dict[str, dict[tuple, dict[str, float]]] = {}
     for row in rows:
         if row["quantity"] != TIME:
@@ -163,7 +163,7 @@ def answers(rows: Rows) -> dict[str, list[Answer]]:
 
 
 def sections(results: Results) -> dict[str, list[Figure]]:
-    """The shares of `auto` beside their goals."""
+    """Return the section on the shares of `auto` and their goals."""
     own = answers(results.rows("scenes_at_random")).get("auto", [])
     if not own:
         return {}
@@ -182,7 +182,7 @@ verdict = goals_met_by(sections)
 
 
 def report(results: Results) -> str:
-    """Tables of all methods, and of `auto` by kind of scene."""
+    """Return tables of all methods, and of `auto` by kind of scene."""
     rows = results.rows("scenes_at_random")
     lines = [_line(name, count(own)) for name, own in answers(rows).items()]
     by_kind = []

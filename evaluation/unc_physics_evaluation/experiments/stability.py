@@ -53,7 +53,7 @@ SIGMAS, ENCOUNTERS = (0.01, 0.05, 0.1), 4
 
 
 class Case(NamedTuple):
-    """A scene to predict: one of the catalogue, of the paper's, or an everyday one."""
+    """A scene to predict: from the catalogue, the paper, or the everyday cases."""
 
     scene: Scene
     belief: Belief
@@ -61,7 +61,7 @@ class Case(NamedTuple):
 
 
 def paper_cases() -> list[str]:
-    """Names of the paper's scenes."""
+    """Return the names of the paper's scenes."""
     found = [
         f"collision {model} {sigma} {k}" for model in MODELS for sigma in SIGMAS for k in range(ENCOUNTERS)
     ]
@@ -69,7 +69,7 @@ def paper_cases() -> list[str]:
 
 
 def case(name: str) -> Case:
-    """A case by its name."""
+    """Return a case by its name."""
     if name in everyday_cases.names():
         motion, _, belief = name.rpartition(", ")
         found = everyday_cases.case(motion, belief)
@@ -88,7 +88,7 @@ def case(name: str) -> Case:
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """For each case the truth, and what all propagators make of it."""
+    """Return jobs for each case's truth, and for its predictions by all propagators."""
     hard, paper = (QUICK, ()) if settings.quick else (names(), paper_cases())
     found = []
     others = (*paper, *([] if settings.quick else everyday_cases.names()))
@@ -101,7 +101,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def run(job: Job) -> Outcome:
-    """Spreads of the truth; or the mean's rollout and all propagators' predictions."""
+    """Return spreads of the truth, or rows of the mean's rollout and of all propagators."""
     given = case(job.parameters["case"])
     if job.parameters["work"] == "truth":
         return Outcome(_truth(given, job))
@@ -114,12 +114,12 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """Goals, and rates of the flags."""
+    """Return the sections on goals and on rates of flags."""
     return sections(results)
 
 
 def _truth(given, job):
-    """Spreads of samples with short steps."""
+    """Return spreads of samples with short steps."""
     p, seed = job.parameters, job.seed("truth")
     fine = replace(given.scene, dt=given.scene.dt / p["refined"])
     truth = make_propagator(MONTE_CARLO, samples=p["draws"], seed=seed)
@@ -131,7 +131,7 @@ def _truth(given, job):
 
 
 def _prediction(given, name, job):
-    """What a propagator keeps on the way, its spreads at the end, and its flags with their measures."""
+    """Return a propagator's conservation errors, final spreads, and flags with their measures."""
     scene, belief, horizon = given
     looks = LOOKS if len(scene.bodies) <= MANY else FEW_LOOKS
     times = periodic_times(scene, max(round(horizon / looks / scene.dt), 1) * scene.dt, horizon)
@@ -157,7 +157,7 @@ def _prediction(given, name, job):
 
 
 def _kept_rows(name, scene, belief, prediction):
-    """Energy, momentum and eigenvalues, from what the prediction began with on."""
+    """Return rows of energy, momentum and eigenvalues, from the initial belief on."""
     propagator, times = prediction.propagator, (0.0, *prediction.times)
     nominal = propagator.traits.mean_update == "nominal"
     start = start_belief if nominal else constrain_belief
@@ -169,7 +169,7 @@ def _kept_rows(name, scene, belief, prediction):
 
 
 def _rollouts(propagator, carry, scene, times):
-    """States of the rollouts, from a carry at time 0 on; they are those of the prediction."""
+    """Return the states of the prediction's rollouts, from a carry at time 0 on."""
     done = 0
     for time in times:
         steps = round(time / scene.dt)
@@ -179,7 +179,7 @@ def _rollouts(propagator, carry, scene, times):
 
 
 def _spread_rows(method, scene, belief, samples, seed):
-    """Standard deviations of each body's position and rotation, the body's number as replicate."""
+    """Return rows of standard deviations of each body's position and rotation; the replicate is the body."""
     rows = []
     for k, P in zip(scene.moving.tolist(), belief.blocks, strict=True):
         for quantity, unit, block in ((POSITION_STD, "m", ERR_POSITION), (ROTATION_STD, "rad", ERR_ROTATION)):

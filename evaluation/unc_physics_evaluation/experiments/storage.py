@@ -1,4 +1,4 @@
-"""Storage (the paper's Table 3): how many numbers represent the distribution."""
+"""Storage (the paper's Table 3): size of the distribution's representation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PAPER = {
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """One for each number of bodies."""
+    """Return a job for each number of bodies."""
     return [Job("storage", settings.parameters(bodies=bodies), cost=0.5) for bodies in BODIES]
 
 
@@ -45,7 +45,7 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """The paper's Table 3, with the paper's own counts."""
+    """Return the paper's Table 3, with the paper's counts."""
     rows, lines = results.rows("storage"), []
     bodies = rows.unique("bodies")
     for method, samples in rows.curves():
@@ -62,7 +62,7 @@ def _counts(name):
 
 
 def _scalars(propagator, scene, belief):
-    """Numbers that represent the distribution; counters and the contact history are left out."""
+    """Count the numbers of the distribution, without counters and contact history."""
     parts = propagator.init(scene, belief)._asdict()
     arrays = (part for name, part in parts.items() if name != "contact_history")
     return sum(part.size for part in arrays if isinstance(part, np.ndarray))

@@ -1,4 +1,4 @@
-"""Tracking of recorded tosses through contact, of a body at rest, and of one that a hand takes."""
+"""Tracking of recorded tosses through contact, of a body at rest, and of a body that a hand takes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _COST = {148.0: 2.0, 30.0: 1.0, 10.0: 0.5}
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """The tosses in parts, for each method, condition and rate; then rest, the hand, and where tosses end."""
+    """Return jobs for the tosses by method, condition and rate, for rest, the hand, and ends of tosses."""
     count, found = QUICK if settings.quick else FULL, []
 
     def add(cost, **parameters):
@@ -80,7 +80,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def missing(settings: Settings) -> list[str]:
-    """The particle filters, without their engine."""
+    """Return the particle filters if their engine is missing."""
     return [] if _has_mujoco() else ["tracking by particle filters in MuJoCo: pip install mujoco"]
 
 
@@ -107,7 +107,7 @@ def run(job: Job) -> Outcome:
 
 
 def _toss(k, method, condition, rate, seed):
-    """Rows of one toss."""
+    """Return rows of one toss."""
     scene = tracked_scene(recorded_tosses())
     frames = frames_of(recorded_tosses(), k, rate, condition, seed)
     if method == TRACKER:
@@ -135,7 +135,7 @@ _UNITS = {"position": "m", "rotation": "rad", "velocity": "m/s", "ahead_position
 
 
 def _means(some, phase, method, k, seed):
-    """Rows of the means of frames, as far as they have a figure."""
+    """Return rows of the means over frames that have a value."""
     rows = []
     for place, name in enumerate(Score._fields):
         if name in ("in_contact", "seen_again", "carried"):
@@ -158,7 +158,7 @@ def _means(some, phase, method, k, seed):
 
 
 def _still_frames(seconds, seed, lift_at=None):
-    """Frames of a cube that rests on the table, and that a hand lifts at some time."""
+    """Return frames of a cube that rests on the table until a hand lifts it."""
     scene = tracked_scene(recorded_tosses())
     times = np.arange(0.0, seconds, 1.0 / 30.0)
     model = scene.bodies[0].model
@@ -179,7 +179,7 @@ def _still_frames(seconds, seed, lift_at=None):
 
 
 def _rest(seed):
-    """Rows of a still body: error and standard deviation at the end."""
+    """Return rows of a body at rest: error and standard deviation at the end."""
     scene, frames = _still_frames(_STILL, seed)
     follower = TrackerFollower(scene, frames, seed)
     for time, pose in zip(frames.times.tolist(), frames.measured, strict=True):
@@ -195,7 +195,7 @@ def _rest(seed):
 
 
 def _hand(seed):
-    """Rows of a body that a hand lifts: how long until its error is small for good."""
+    """Return rows of a body that a hand lifts: time until its error remains small."""
     begin = 1.5
     scene, frames = _still_frames(3.0, seed, begin)
     follower = TrackerFollower(scene, frames, seed)
@@ -209,7 +209,7 @@ def _hand(seed):
 
 
 def _later(k, seed):
-    """Rows of where a toss ends, from its first poses; and of velocities, beside least squares."""
+    """Return rows of a toss's end, predicted from its first poses, and of velocities and least squares."""
     tosses = recorded_tosses()
     scene, frames, rows = tracked_scene(tosses), frames_of(tosses, k, 1.0 / tosses.dt, "plain", seed), []
     end = frames.truth[-1, POSITION]
@@ -260,7 +260,7 @@ _TIME = "CPU time of a correction, ms", "seconds", 1e3
 
 
 def report(results: Results) -> str:
-    """Tables of consistency, accuracy and predictions."""
+    """Return tables of consistency, accuracy and predictions."""
     rows, lines = results.rows("tracking"), []
     for method in (FILTER, PREDICTED, TRACKER):
         for condition, rate in CONDITIONS:
@@ -278,7 +278,7 @@ def report(results: Results) -> str:
 
 
 def _beside_particles(results):
-    """All methods on the tosses that the particle filters followed."""
+    """Return the comparison of all methods on the tosses of the particle filters."""
     rows, lines = results.rows("tracking").where(condition="plain", rate=PARTICLE_RATE), []
     tosses = {row["replicate"] for row in rows if row["method"] in PARTICLES}
     for method in (FILTER, PREDICTED, *PARTICLES, TRACKER):
@@ -296,7 +296,7 @@ def _cells(rows, phase, columns):
 
 
 def _mean(rows: Rows) -> float:
-    """Mean over frames of rows that hold means of their frames."""
+    """Return the mean over frames of rows with means of their frames."""
     if not rows:
         return float("nan")
     weights = np.array([row["samples"] or 1 for row in rows], float)
@@ -304,7 +304,7 @@ def _mean(rows: Rows) -> float:
 
 
 def _single(rows):
-    """Figures of their own, in words."""
+    """Return single values in words."""
     plain = rows.where(method=TRACKER, condition="plain")
     outliers = rows.where(method=TRACKER, condition="outliers")
     later = rows.where(condition=LATER)
@@ -364,7 +364,7 @@ def _single(rows):
 
 
 def verdict(results: Results) -> str:
-    """Whether the tracker's errors are as large as it says."""
+    """Return whether the tracker's covariances match its errors."""
     rows = results.rows("tracking").where(method=TRACKER)
     found = []
     for condition, rate in CONDITIONS:
