@@ -1,6 +1,4 @@
-"""Texts that a first user meets: wrong arguments, flags and rankings."""
-
-import pytest
+"""Texts that a first user meets: flags and rankings."""
 
 from unc_physics import (
     Belief,
@@ -9,7 +7,6 @@ from unc_physics import (
     RigidBody,
     Scene,
     Touches,
-    UncPhysicsError,
     assess,
     load_model,
     make_propagator,
@@ -22,40 +19,6 @@ from unc_physics.prediction.body_status import Status
 
 CUP = RigidBody("cup", load_model("mug"))
 FLOOR = Plane(name="floor")
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (
-            lambda: Scene.everyday([CUP], environment=FLOOR),
-            (
-                "environment must be a list of elements, such as Plane and Box, not a single Plane;"
-                " write [Plane(...)]"
-            ),
-        ),
-        (
-            lambda: Scene.everyday([CUP], environment="floor"),
-            "environment must be a list of elements, such as Plane and Box, not 'floor'",
-        ),
-        (
-            lambda: Scene.everyday(CUP),  # pyright: ignore[reportArgumentType]
-            "bodies must be a list of RigidBody, not a single RigidBody; write [body]",
-        ),
-        (
-            lambda: Belief.of(Scene.everyday([CUP]), {"mug": BodyBelief()}),
-            "bodies['mug'] is no body of the scene; there is cup",
-        ),
-        (
-            lambda: Touches("cpu", "floor").check(Scene.everyday([CUP], environment=[FLOOR]), "event"),
-            "event.object names no body of the scene; did you mean 'cup'? (got 'cpu')",
-        ),
-    ],
-)
-def test_a_wrong_argument_is_named_in_one_short_sentence(make, words):
-    with pytest.raises(UncPhysicsError) as found:
-        make()
-    assert str(found.value) == words
 
 
 def test_flags_are_printed_by_name():

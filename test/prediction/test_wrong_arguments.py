@@ -10,8 +10,10 @@ from unc_physics import (
     BodyBelief,
     Box,
     Capsule,
+    Plane,
     RigidBody,
     Scene,
+    Touches,
     UncPhysicsError,
     assess,
     load_model,
@@ -111,6 +113,29 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
         (
             lambda: predict(SCENE, BELIEF, horizon=0.1, events=[AtRest]),
             "events[0] must be an Event, not an ABCMeta",
+        ),
+        (
+            lambda: Scene.everyday(SCENE.bodies, environment=Plane()),
+            (
+                "environment must be a list of elements, such as Plane and Box, not a single Plane;"
+                " write [Plane(...)]"
+            ),
+        ),
+        (
+            lambda: Scene.everyday(SCENE.bodies, environment="floor"),
+            "environment must be a list of elements, such as Plane and Box, not 'floor'",
+        ),
+        (
+            lambda: Scene.everyday(SCENE.bodies[0]),
+            "bodies must be a list of RigidBody, not a single RigidBody; write [body]",
+        ),
+        (
+            lambda: Belief.of(SCENE, {"x": BodyBelief()}),
+            "bodies['x'] is no body of the scene; there are left, right",
+        ),
+        (
+            lambda: Touches("lefd", "right").check(SCENE, "event"),
+            "event.object names no body of the scene; did you mean 'left'? (got 'lefd')",
         ),
     ],
 )
