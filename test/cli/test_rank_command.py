@@ -95,17 +95,7 @@ BAD = {
         {"score": {"uprigth": "salt_box"}},
         "score has no key 'uprigth'; did you mean 'upright'?",
     ),
-    "no mapping": ({"score": "upright"}, "score must be a mapping with one key of in_region,"),
-    "no such region": (
-        {"score": {"in_region": {"object": "salt_box", "region": "box"}}},
-        "score.in_region.region is none of the file's regions",
-    ),
     "no region": ({"score": {"in_region": "salt_box"}}, "score.in_region.region must be given"),
-    "no partner": ({"score": {"touches": "salt_box"}}, "score.touches.other must be given"),
-    "no number": (
-        {"score": {"at_rest": {"object": "salt_box", "speed": "slow"}}},
-        "score.at_rest.speed must be a number",
-    ),
     "no text": ({"score": {"upright": {"object": 3}}}, "score.upright.object must be a non-empty text"),
     "no such object": ({"score": {"upright": "cup"}}, "score.object names no body of the scene"),
     "of what is reported": ({"also": [{"upright": "cup"}]}, "also[0].object names no body of the scene"),
