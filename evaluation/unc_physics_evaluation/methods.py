@@ -65,7 +65,9 @@ def methods(job: Job, grown: Sequence[int] = ()) -> dict[tuple[str, int | None],
         for runs in sizes:
             if name != MONTE_CARLO:
                 made[name, runs] = make_propagator(name, **options, **({"runs": runs} if runs else {}))
-    return made | {(name, None): make_propagator(of, **options) for name, (of, options) in VARIANTS.items()}
+    return made | {
+        (name, None): make_propagator(kind, **options) for name, (kind, options) in VARIANTS.items()
+    }
 
 
 def label(method: str, samples: int | None = None) -> str:

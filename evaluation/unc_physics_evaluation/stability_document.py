@@ -203,18 +203,24 @@ def _rates(results, found):
     groups = {"catalogue": found.hard, "the paper's scenes": found.paper, "everyday motions": found.everyday}
     lines = []
     for method in (*PROPAGATORS, None):
-        some = PROPAGATORS if method is None else [method]
+        methods = PROPAGATORS if method is None else [method]
         for group, cases in groups.items():
             bodies = [
-                one
+                judged
                 for case in cases
-                for name in some
+                for name in methods
                 if name in found.propagators(case)
-                for one in found.judged(case, name)
+                for judged in found.judged(case, name)
             ]
-            of = rates(bodies)
+            counts = rates(bodies)
             name = "all" if method is None else label(method)
-            lines.append([name, group, *(str(count) for count in (of.bad, of.found, of.good, of.false))])
+            lines.append(
+                [
+                    name,
+                    group,
+                    *(str(number) for number in (counts.bad, counts.found, counts.good, counts.false)),
+                ]
+            )
     wanted = (
         f"Wanted: {100 * FOUND_GOAL:.0f} % of wrong, at most {100 * FALSE_GOAL:.0f} % of right ones flagged."
     )

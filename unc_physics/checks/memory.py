@@ -21,10 +21,10 @@ def require_memory(needed: float, what: str, field: str, value: object = None) -
     """
     if needed <= _ALWAYS:
         return
-    there = available_memory()
-    if needed > there:
+    limit = available_memory()
+    if needed > limit:
         raise LimitExceededError(
-            f"must be less: {what} takes about {_size(needed)} of memory, and {_size(there)} are available"
+            f"must be less: {what} takes about {_size(needed)} of memory, and {_size(limit)} are available"
             f" (the environment variable {LIMIT} sets another limit, in bytes)",
             field=field,
             value=value,
@@ -32,7 +32,7 @@ def require_memory(needed: float, what: str, field: str, value: object = None) -
 
 
 def available_memory() -> float:
-    """Return the available memory [bytes]: the least of machine, container, and process limits."""
+    """Return the limit memory [bytes]: the least of machine, container, and process limits."""
     if given := os.environ.get(LIMIT):
         with contextlib.suppress(ValueError):
             if (limit := float(given)) >= 0.0:

@@ -64,20 +64,20 @@ class Auto(Cloud, Anytime):
         return replace(self, time=time, first=FIRST_RUNS)
 
     def additional_rollouts(self, carry, scene, spent):
-        count, began = len(carry.states), clock()
+        count, start = len(carry.states), clock()
         if count >= self.runs or diverged(carry.states) or settled(self._runs(carry), scene):
             return 0
         if 0.0 < self.time <= spent.time:
             return 0
-        more = min(count, self.runs - count, self._wanted(carry, scene, spent))
-        if more > 0 and self.time > 0.0:
+        additional = min(count, self.runs - count, self._wanted(carry, scene, spent))
+        if additional > 0 and self.time > 0.0:
             self.belief(carry, scene)
-            took = clock() - began
-            answers = _DEARER * spent.answers * took
-            left = self.time - spent.time - took - answers
-            fit = math.floor(left * count / (spent.rollouts + answers))
-            more = min(more, fit) if fit >= _WORTH * count else 0
-        return max(more, 0)
+            duration = clock() - start
+            answer_time = _DEARER * spent.answers * duration
+            left = self.time - spent.time - duration - answer_time
+            affordable = math.floor(left * count / (spent.rollouts + answer_time))
+            additional = min(additional, affordable) if affordable >= _WORTH * count else 0
+        return max(additional, 0)
 
     def looks_far(self, carry, scene):
         """Return whether contacts are hard, and neither time nor another limit ends the prediction."""
@@ -94,12 +94,12 @@ class Auto(Cloud, Anytime):
         """Return the largest error of each body over its limit (B,)."""
         of_rotations = self.standard_errors if self.rotation_error > 0.0 else self._straight_errors
         errors = of_rotations(carry, scene)
-        wishes = self.error, self.spread_error, self.position_error, self.rotation_error
-        found = errors.relative, errors.spread, errors.position, errors.rotation
+        limits = self.error, self.spread_error, self.position_error, self.rotation_error
+        measured = errors.relative, errors.spread, errors.position, errors.rotation
         result = np.zeros(len(carry.mean))
-        for wish, of in zip(wishes, found, strict=True):
-            if wish > 0.0:
-                result = np.maximum(result, of / wish)
+        for limit, error in zip(limits, measured, strict=True):
+            if limit > 0.0:
+                result = np.maximum(result, error / limit)
         return result
 
     def _wanted(self, carry, scene, spent):

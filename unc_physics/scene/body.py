@@ -167,26 +167,26 @@ class RigidBody(Surface):
 
     def _checked_actions(self, fixed):
         """Return the validated fields of robot actions."""
-        of = f" of body '{self.name}'"
-        std = six_stds(self.trajectory_std, f"trajectory_std{of}")
+        suffix = f" of body '{self.name}'"
+        std = six_stds(self.trajectory_std, f"trajectory_std{suffix}")
         if self.trajectory is not None:
-            instance(self.trajectory, PosePath, f"trajectory{of}")
+            instance(self.trajectory, PosePath, f"trajectory{suffix}")
             if fixed:
-                raise InvalidRequestError("must be absent: the body is fixed", field=f"trajectory{of}")
+                raise InvalidRequestError("must be absent: the body is fixed", field=f"trajectory{suffix}")
             if self.mass_std or np.any(self.center_of_mass_std):
                 raise InvalidRequestError(
-                    "must be zero or absent: the body is prescribed", field=f"mass_std{of}"
+                    "must be zero or absent: the body is prescribed", field=f"mass_std{suffix}"
                 )
         elif std.any():
-            raise InvalidRequestError("needs a trajectory beside it", field=f"trajectory_std{of}")
+            raise InvalidRequestError("needs a trajectory beside it", field=f"trajectory_std{suffix}")
         wrenches = tuple(self.wrenches)
         for k, wrench in enumerate(wrenches):
-            instance(wrench, Wrench, f"wrenches[{k}]{of}")
-        drag = non_negative(self.drag, f"drag{of}")
+            instance(wrench, Wrench, f"wrenches[{k}]{suffix}")
+        drag = non_negative(self.drag, f"drag{suffix}")
         for name, value in (("wrenches", wrenches), ("drag", drag)):
             if value and not self.free:
-                raise InvalidRequestError("must be absent: no force moves this body", field=f"{name}{of}")
-        return {"trajectory_std": std, "wrenches": wrenches, "drag": drag} | self._checked_attachment(of)
+                raise InvalidRequestError("must be absent: no force moves this body", field=f"{name}{suffix}")
+        return {"trajectory_std": std, "wrenches": wrenches, "drag": drag} | self._checked_attachment(suffix)
 
     def _checked_attachment(self, of):
         start = non_negative(self.attached_at, f"attached_at{of}")

@@ -47,9 +47,9 @@ def with_changes(physics: dict, given: dict) -> dict:
     if "gravity" in given and given["gravity"] is None:
         given = given | {"gravity": (0.0, 0.0, 0.0)}  # `Scene` distinguishes this from a missing entry
     laws = {key for key, spec in PHYSICS_KEYS.items() if spec.law}
-    said = {key: value for key, value in given.items() if value is not None or key in laws}
-    replaced = {f"{key}_std" for key in ("friction", "restitution") if key in said}
-    if said.get("integrator") == "explicit" and physics.get("integrator") == "implicit":
+    overrides = {key: value for key, value in given.items() if value is not None or key in laws}
+    replaced = {f"{key}_std" for key in ("friction", "restitution") if key in overrides}
+    if overrides.get("integrator") == "explicit" and physics.get("integrator") == "implicit":
         replaced |= {"sleep", *filter(_is_uncertain, physics)}
     physics = {key: value for key, value in physics.items() if key not in replaced}
-    return {key: value for key, value in (physics | said).items() if value is not None}
+    return {key: value for key, value in (physics | overrides).items() if value is not None}

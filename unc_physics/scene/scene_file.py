@@ -241,8 +241,8 @@ def _element(content, field):
     shapes = ", ".join(ELEMENTS)
     if isinstance(content, dict) and not any(kind in content for kind in ELEMENTS):
         other = [key for key in content if key not in _ELEMENT_KEYS]
-        said = f"has no shape '{str(other[0])[:50]}'" if other else "names no shape"
-        raise error(f"{said}; the shapes are {shapes}", field=field)
+        problem = f"has no shape '{str(other[0])[:50]}'" if other else "names no shape"
+        raise error(f"{problem}; the shapes are {shapes}", field=field)
     check_keys(content, ("name", *ELEMENTS, *_ELEMENT_KEYS[1:]), field, error)
     kinds = [kind for kind in ELEMENTS if kind in content]
     if len(kinds) > 1:

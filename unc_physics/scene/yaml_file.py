@@ -138,15 +138,15 @@ def read_yaml(path: str | os.PathLike[str], kind: str) -> Any:
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f" in line {mark.line + 1}" if mark else ""
-        reason, said = "", "is not valid YAML"
+        reason, problem = "", "is not valid YAML"
         if isinstance(error, ComposerError):  # a second document, or an undefined alias
             reason = f": {', '.join(filter(None, (error.context, error.problem)))}"
-            said = "cannot be read"
+            problem = "cannot be read"
         elif isinstance(error, yaml.constructor.ConstructorError):
-            reason, said = f": {error.problem}", "cannot be read"
+            reason, problem = f": {error.problem}", "cannot be read"
         elif isinstance(error, yaml.MarkedYAMLError) and mark:
             reason = f": {_syntax(error, text)}"
-        raise InvalidRequestError(f"{said}{place}{reason}", field=f"{kind} {path}") from None
+        raise InvalidRequestError(f"{problem}{place}{reason}", field=f"{kind} {path}") from None
 
 
 def _syntax(error, text) -> str:
@@ -155,10 +155,12 @@ def _syntax(error, text) -> str:
     line = next(iter(text.split("\n")[mark.line :]), "")
     if line[mark.column : mark.column + 1] == "\t":
         return "it has a tab; indent with spaces"
-    said = _PROBLEMS.get(error.problem, error.problem or "").replace("did not find expected", "there is no")
+    problem = _PROBLEMS.get(error.problem, error.problem or "").replace(
+        "did not find expected", "there is no"
+    )
     if began is None or began.line >= mark.line:
-        return said
-    what = next((sign for kind, sign in _OPENED.items() if kind in (error.context or "")), None)
+        return problem
+    opened = next((sign for kind, sign in _OPENED.items() if kind in (error.context or "")), None)
     first = began.line + 1
-    above = f"{what} of line {first} is not closed" if what else f"line {first} begins what goes on here"
-    return f"{said}; the fault may stand above, where {above}"
+    above = f"{opened} of line {first} is not closed" if opened else f"line {first} begins what goes on here"
+    return f"{problem}; the fault may stand above, where {above}"

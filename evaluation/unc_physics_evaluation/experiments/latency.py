@@ -177,24 +177,24 @@ def _lines(results):
 def _figures(results) -> dict[str, list[Figure]]:
     rows = results.rows("latency")
 
-    def value(quantity, **of):
-        return rows.where(quantity=quantity, **of).median()
+    def value(quantity, **selection):
+        return rows.where(quantity=quantity, **selection).median()
 
     found: dict[str, list[Figure]] = {}
     for by in (STREAM, STANDING):
         figures = found[f"Detections at {RATE:g} Hz: {by.removeprefix('stream, ')}"] = []
         for count, rate, latency in STREAMS:
-            of, case = {"by": by, "objects": count}, f"{count} cans on a table"
-            figures.append(Figure("output", case, value("rate", **of), "Hz", _FULL_RATE * rate))
-            figures.append(Figure("median latency", case, value("latency p50", **of), "ms"))
-            p95 = value("latency p95", **of)
+            selection, case = {"by": by, "objects": count}, f"{count} cans on a table"
+            figures.append(Figure("output", case, value("rate", **selection), "Hz", _FULL_RATE * rate))
+            figures.append(Figure("median latency", case, value("latency p50", **selection), "ms"))
+            p95 = value("latency p95", **selection)
             figures.append(Figure("95 % latency", case, p95, "ms", latency, at_most=True))
-            figures.append(Figure("CPU time of a prediction", case, value(CPU, **of), "ms"))
+            figures.append(Figure("CPU time of a prediction", case, value(CPU, **selection), "ms"))
     figures = found["Calls of `~/predict`, one second ahead, default propagator"] = []
     for kind, count, latency, _ in SERVICES:
-        of, case = {"by": SERVICE, "scene": kind, "objects": count}, f"{count} objects, {kind}"
-        note = f"CPU {number(value(CPU, **of))} ms"
-        p50 = value("latency p50", **of)
+        selection, case = {"by": SERVICE, "scene": kind, "objects": count}, f"{count} objects, {kind}"
+        note = f"CPU {number(value(CPU, **selection))} ms"
+        p50 = value("latency p50", **selection)
         figures.append(Figure("median latency", case, p50, "ms", latency, at_most=True, note=note))
     return found
 

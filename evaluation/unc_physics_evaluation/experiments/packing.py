@@ -68,16 +68,16 @@ def report(results: Results) -> str:
     """Return a table of all measurements of each packing."""
     rows = results.rows("packing")
     lines = []
-    for here in (rows.where(model=model, spheres=n) for n in rows.unique("spheres") for model in MODELS):
-        if not here:
+    for selected in (rows.where(model=model, spheres=n) for n in rows.unique("spheres") for model in MODELS):
+        if not selected:
             continue
-        of = {name: here.where(quantity=name).mean() for name in here.unique("quantity")}
-        times = [number(here.where(quantity=name).median()) for name in (WALL_TIME, CPU_TIME)]
-        counts = [f"{of[name]:.0f}" for name in (TRIANGLES, PLACED)]
-        errors = [f"{of[name]:.0e}" for name in (OVERLAP, PROTRUSION)]
+        mean_of = {name: selected.where(quantity=name).mean() for name in selected.unique("quantity")}
+        times = [number(selected.where(quantity=name).median()) for name in (WALL_TIME, CPU_TIME)]
+        counts = [f"{mean_of[name]:.0f}" for name in (TRIANGLES, PLACED)]
+        errors = [f"{mean_of[name]:.0e}" for name in (OVERLAP, PROTRUSION)]
         lines.append(
-            [here[0]["model"], *counts, f"{of[FILL]:.2f}", *times, f"{of[MEMORY]:.0f}", *errors]
-            + [f"{of[OUTSIDE]:.0f}", f"{100.0 * of[LATER]:.2f}"]
+            [selected[0]["model"], *counts, f"{mean_of[FILL]:.2f}", *times, f"{mean_of[MEMORY]:.0f}", *errors]
+            + [f"{mean_of[OUTSIDE]:.0f}", f"{100.0 * mean_of[LATER]:.2f}"]
         )
     head = ["model", "triangles", "spheres", "fill [%]", "wall time [s]", "CPU time [s]", "memory [MiB]"]
     return results.table(

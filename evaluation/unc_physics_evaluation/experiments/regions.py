@@ -48,19 +48,19 @@ def run(job: Job) -> Outcome:
     outcomes = predict(scene, belief, make_propagator(MONTE_CARLO, samples=count, seed=seed), horizon)
     truth = outcomes.samples()
     rows = []
-    for name, (of, options) in METHODS.items():
-        own = make_propagator(of, **options)
-        if "seed" in own.options():
-            own = make_propagator(of, **options, seed=job.seed(name))
-        prediction = predict(scene, belief, own, horizon)
+    for name, (kind, options) in METHODS.items():
+        propagator = make_propagator(kind, **options)
+        if "seed" in propagator.options():
+            propagator = make_propagator(kind, **options, seed=job.seed(name))
+        prediction = predict(scene, belief, propagator, horizon)
         rollouts = rollout_count(prediction.carry)
         rows.append(Row(name, ROLLOUTS, "", float(rollouts), None, 0, prediction.seed))
-        samples = prediction.samples(None if isinstance(own, Samples) else OUTCOMES)
+        samples = prediction.samples(None if isinstance(propagator, Samples) else OUTCOMES)
         shares = [
             held(prediction[body.name].modes, samples[:, k], truth[:, k], LEVEL)
             for k, body in enumerate(scene.bodies)
         ]
-        found = {part: float(np.mean([one[part] for one in shares])) for part in PARTS}
+        found = {part: float(np.mean([share[part] for share in shares])) for part in PARTS}
         rows += [Row(name, key, "1", value, rollouts, 0, prediction.seed) for key, value in found.items()]
     return Outcome(rows)
 
@@ -95,9 +95,11 @@ def report(results: Results) -> str:
     """Return tables of the shares of all methods, and of goals with intervals."""
     rows, lines = results.rows("regions"), []
     for name in METHODS:
-        of = {part: rows.where(method=name, quantity=part).values() for part in PARTS}
+        shares = {part: rows.where(method=name, quantity=part).values() for part in PARTS}
         rollouts = rows.where(method=name, quantity=ROLLOUTS).median()
-        if all(len(values) for values in of.values()):
-            lines.append([name, f"{rollouts:g}", *(f"{100.0 * values.mean():.0f}" for values in of.values())])
+        if all(len(values) for values in shares.values()):
+            lines.append(
+                [name, f"{rollouts:g}", *(f"{100.0 * values.mean():.0f}" for values in shares.values())]
+            )
     head = ["method", "rollouts in the median", *(f"{part} [%]" for part in PARTS)]
     return results.table("regions", head, lines) + goal_tables(sections(results))

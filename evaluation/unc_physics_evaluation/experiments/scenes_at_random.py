@@ -84,38 +84,46 @@ def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
     confirmed if the truth's outcomes vary enough (`misses_goal`).
     """
     scene, belief, horizon = scene_at_random(job.parameters["scene"])
-    of, options = METHODS[name]
-    own = make_propagator(of, **options)
-    seed = job.seed(name) if "seed" in own.options() else None
+    kind, options = METHODS[name]
+    propagator = make_propagator(kind, **options)
+    seed = job.seed(name) if "seed" in propagator.options() else None
     if seed is not None:
-        own = make_propagator(of, **options, seed=seed)
+        propagator = make_propagator(kind, **options, seed=seed)
     try:
-        prediction = predict(scene, belief, own, horizon)
+        prediction = predict(scene, belief, propagator, horizon)
         statuses = assess(prediction)
     except NotSupportedError:
         return []
     except DivergedError:
         return [
-            Row(name, what, "1", value, None, k, seed)
+            Row(name, quantity, "1", value, None, k, seed)
             for k in scene.moving
-            for what, value in ((FACTOR, np.inf), (MEAN, np.inf), (FLAGS, 1), (UNCONFIRMED, 1), (COVERED, 0))
+            for quantity, value in (
+                (FACTOR, np.inf),
+                (MEAN, np.inf),
+                (FLAGS, 1),
+                (UNCONFIRMED, 1),
+                (COVERED, 0),
+            )
         ]
     rows = [Row(name, TIME, "s", prediction.wall_time, None, 0, seed)]
     for k in scene.moving.tolist():
         found, true = (Moments(one.belief.mean[k], one.belief.marginal(k)) for one in (prediction, truth))
         factor, mean_error = distance(found, true)
         flags = reasons(statuses[k])
-        known = confirmed[k] | (SHAPE if confirmed[k] & SHAPE else set())
-        if isinstance(own, Auto) and misses_goal(truth, k, len(prediction.at().rollout_states), own):
-            known = known | {"missed_goal"}
+        truth_flags = confirmed[k] | (SHAPE if confirmed[k] & SHAPE else set())
+        if isinstance(propagator, Auto) and misses_goal(
+            truth, k, len(prediction.at().rollout_states), propagator
+        ):
+            truth_flags = truth_flags | {"missed_goal"}
         values = {
             FACTOR: factor,
             MEAN: mean_error,
             FLAGS: len(flags),
-            UNCONFIRMED: len(flags - known),
+            UNCONFIRMED: len(flags - truth_flags),
             COVERED: holds(statuses[k].measures, found, true),
         }
-        rows += [Row(name, what, "1", float(value), None, k, seed) for what, value in values.items()]
+        rows += [Row(name, quantity, "1", float(value), None, k, seed) for quantity, value in values.items()]
     return rows
 
 
@@ -172,8 +180,8 @@ def sections(results: Results) -> dict[str, list[Figure]]:
     words = "wrong", "wrong without flag or interval", "good ones flagged"
     return {
         TITLE: [
-            Figure(what, "auto", share, "", goal, at_most=True)
-            for what, share, goal in zip(words, shares, GOALS, strict=True)
+            Figure(category, "auto", share, "", goal, at_most=True)
+            for category, share, goal in zip(words, shares, GOALS, strict=True)
         ]
     }
 
