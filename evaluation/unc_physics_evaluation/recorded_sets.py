@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unc_physics.calibration.adjustable import DEFAULT, Adjustable, Model, chosen
+from unc_physics.calibration.adjustable import FITTABLE, Adjustable, Model, chosen
 from unc_physics.calibration.calibrate import with_noise
 from unc_physics.calibration.flight import fit_start, flight_gravity
 from unc_physics.calibration.motions import Motion, read_motions
@@ -112,7 +112,7 @@ class RecordedSet(NamedTuple):
             gravity = flight_gravity([self.motions[k] for k in chosen], self.scene)
         return self.scene if gravity is None else replace(self.scene, gravity=gravity)
 
-    def adjusted(self, names: Sequence[str] = DEFAULT) -> list[Adjustable]:
+    def adjusted(self, names: Sequence[str] = FITTABLE) -> list[Adjustable]:
         """Return the fitted parameters with priors: those of `calibrate` and the radius of corners."""
         solid = self.solid
         if solid is None:

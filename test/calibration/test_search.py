@@ -1,14 +1,16 @@
 """The search on scores that are known: the least is found, and as certainly as it says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from throws import scene
 
-from unc_physics import UncPhysicsError
-from unc_physics.calibration.adjustable import Model, chosen
+from unc_physics.calibration.adjustable import Model, adjustables, chosen, with_values
 from unc_physics.calibration.posterior import Posterior, prior_weight
 from unc_physics.calibration.search import Search
 from unc_physics.calibration.uncertainty import refine
+from unc_physics.checks.errors import DivergedError, LimitExceededError
 
 NAMES = ("friction", "restitution", "impact_point_std")
 STEEP = np.array([[4.0, 1.2, 0.0], [1.2, 2.0, 0.0], [0.0, 0.0, 0.0]])
@@ -83,7 +85,7 @@ def test_a_model_that_cannot_be_simulated_is_no_candidate():
 
     def fails(model):
         if model.scene.friction < 0.4:
-            raise UncPhysicsError("diverged")
+            raise DivergedError("diverged")
         return known.per_motion(model)
 
     broken = Known()
@@ -91,3 +93,61 @@ def test_a_model_that_cannot_be_simulated_is_no_candidate():
     search = Search(Posterior(broken, MODEL, ADJUSTED))
     search.approach()
     assert ADJUSTED[0].unscaled(search.best[0]) >= 0.4
+
+
+def test_other_errors_of_the_simulation_end_the_search():
+    broken = Known()
+
+    def runs_out_of_memory(model):
+        raise LimitExceededError("needs more memory")
+
+    broken.per_motion = runs_out_of_memory
+    with pytest.raises(LimitExceededError):
+        Search(Posterior(broken, MODEL, ADJUSTED))
+
+
+def test_values_that_make_up_for_each_other_are_as_uncertain_as_that():
+    """Throws determine friction at 1.5 m/s well, and the speed that halves friction badly.
+
+    The score is a quadratic of their logarithms, so that the sandwich estimator has a closed form.
+    """
+    laws = replace(MODEL.scene, impact_friction_speed=3.0)
+    adjusted = chosen(laws, ("friction", "impact_friction_speed"))
+    errors = np.random.default_rng(0).standard_normal((MOTIONS, 2)) * [0.1, 1.0]
+    errors -= errors.mean(axis=0)
+    stiff = np.array([20.0, 1.0])
+
+    class Valley:
+        recorded = range(MOTIONS)
+
+        def per_motion(self, model):
+            friction, speed = model.scene.friction, model.scene.impact_friction_speed
+            way = np.log([friction / (1.0 + 1.5 / speed) / 0.3, speed / 2.5])
+            return 0.5 * ((way - errors) ** 2 @ stiff)
+
+    posterior = Posterior(Valley(), Model(laws, 1e-3, 1e-3), adjusted)
+    search = Search(posterior)
+    search.approach()
+    search.run(20)
+    estimate = refine(posterior, search.best)
+    speed, (a, b) = adjusted[1].unscaled(estimate.x[1]), (one.prior_std for one in adjusted)
+    turn = np.array([[a, b * 1.5 / (speed + 1.5)], [0.0, b]])
+    own, weight = turn.T @ (stiff[:, None] * turn), prior_weight(MOTIONS) / MOTIONS
+    slopes = errors * stiff @ turn
+    spread = (slopes.T @ slopes + 2.0 * own) / (MOTIONS + 3) / MOTIONS + weight**2 * np.eye(2)
+    inverse = np.linalg.inv(own + weight * np.eye(2))
+    ratio = estimate.stds / np.sqrt(np.diagonal(inverse @ spread @ inverse))
+    assert (ratio > 0.85).all() and (ratio < 1.5).all()
+    alone = np.sqrt(spread[0, 0]) / (own[0, 0] + weight)
+    assert estimate.stds[0] > 1.5 * alone
+
+
+@pytest.mark.parametrize("laws", [{}, {"impact_friction_speed": 3.0, "friction_std": 0.2}])
+def test_all_values_within_bounds_fit_together(laws):
+    given = replace(MODEL.scene, **laws)
+    adjusted, rng = list(adjustables(given).values()), np.random.default_rng(0)
+    for _ in range(50):
+        values = {one.name: one.low + rng.random() ** 3 * (one.high - one.low) for one in adjusted}
+        model = with_values(MODEL._replace(scene=given), adjusted, values)
+        assert model.scene.friction == pytest.approx(values["friction"])
+        assert model.scene.friction_std == pytest.approx(min(values["friction_std"], values["friction"]))

@@ -17,6 +17,7 @@ from .flight import moving_body
 
 #: Inertia of everyday objects over that of a solid one: a thin shell has 1.67.
 _PARTLY_HOLLOW = 1.2
+_USUAL_SPEED = 1.5  # closing speed of the impacts of recorded throws [m/s]
 _FACTOR = 0.7  # standard deviation of the logarithm of what is known to a factor of two
 
 
@@ -96,9 +97,18 @@ def _material(name, about, low, high, prior_std, relative=False):
         scene = model.scene
         bodies = [replace(body, **own) for body in scene.bodies]
         elements = [replace(element, **own) for element in scene.environment]
-        return model._replace(scene=replace(scene, bodies=bodies, environment=elements, **{name: value}))
+        changes: dict = {name: value}
+        if name == "friction":
+            changes["friction_std"] = min(scene.friction_std, value)  # a larger one is refused
+        return model._replace(scene=replace(scene, bodies=bodies, environment=elements, **changes))
 
     return Adjustable(name, "", about, low, high, prior_std, get, put, relative)
+
+
+def _with_friction_std(model, value):
+    """Return the model with a spread of friction, which is at most the friction itself."""
+    scene = model.scene
+    return model._replace(scene=replace(scene, friction_std=min(value, scene.friction or value)))
 
 
 def _inertia_factor(model):
@@ -184,8 +194,9 @@ def adjustables(scene: Scene) -> dict[str, Adjustable]:
         _of_scene("impact_direction_std", "rad", "turn of an impact's impulse", 1e-3, 0.5, 0.03),
         _of_scene("impact_point_std", "m", "shift of where it acts", 1e-5, 0.05, point),
         _of_scene("impact_friction_std", "", "of the logarithm of its friction", 1e-3, 1.5, 0.1),
-        _of_scene(
-            "friction_std", "", "spread of friction from motion to motion", 1e-4, 0.5, 0.02, keeps_scene=False
+        replace(
+            _of_scene("friction_std", "", "spread of friction from motion to motion", 1e-4, 0.5, 0.02, False),
+            put=_with_friction_std,
         ),
         _of_scene("restitution_std", "", "likewise of restitution", 1e-4, 0.5, 0.03, keeps_scene=False),
         Adjustable(
@@ -207,7 +218,7 @@ def adjustables(scene: Scene) -> dict[str, Adjustable]:
 
 
 #: Names of all that can be fitted.
-DEFAULT = (
+FITTABLE = (
     "friction",
     "restitution",
     "impact_friction_speed",
@@ -229,12 +240,27 @@ _IMPACT_LAWS = ("impact_friction_speed", *IMPACT_STDS)
 
 
 def fitted_by_default(scene: Scene) -> list[str]:
-    """Return the names of `DEFAULT` without the laws of impacts that a scene lacks, as an exact one does.
+    """Return the names of `FITTABLE` without the laws of impacts that a scene lacks, as an exact one does.
 
     Friction of a scene without ``impact_friction_speed`` does not depend on the closing speed. A prior about
     3 m/s would bias it.
     """
-    return [name for name in DEFAULT if name not in _IMPACT_LAWS or getattr(scene, name)]
+    return [name for name in FITTABLE if name not in _IMPACT_LAWS or getattr(scene, name)]
+
+
+def directions(adjusted: Sequence[Adjustable], x: np.ndarray) -> np.ndarray:
+    """Return the directions (K, K) along which scaled values are varied about ``x`` (K,), one a column.
+
+    Each changes one value. With ``impact_friction_speed``, friction changes as well, so that friction at
+    `_USUAL_SPEED` stays: throws determine little else of both.
+    """
+    found, places = np.eye(len(adjusted)), {one.name: k for k, one in enumerate(adjusted)}
+    if {"friction", "impact_friction_speed"} <= set(places):
+        row, column = places["friction"], places["impact_friction_speed"]
+        friction, halving = adjusted[row], adjusted[column]
+        share = _USUAL_SPEED / (_USUAL_SPEED + halving.unscaled(x[column]))
+        found[row, column] = -share * halving.prior_std / friction.prior_std
+    return found
 
 
 def chosen(scene: Scene, names: Sequence[str]) -> list[Adjustable]:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..checks.errors import UncPhysicsError
-from .adjustable import Adjustable, Model, with_values
+from ..checks.errors import DivergedError
+from .adjustable import Adjustable, Model, directions, with_values
 from .objective import Objective
 
 #: Weight of the priors for many motions: all motions together must improve by half of it for a value one
@@ -64,14 +64,16 @@ class Posterior:
         """Return the penalised score of each motion (M,) at scaled values (K,)."""
         try:
             found = self.objective.per_motion(self.with_values(x))
-        except UncPhysicsError:  # such as a diverging simulation
+        except DivergedError:  # these values cannot be simulated
             found = np.full(len(self.objective.recorded), _FAILED)
         found = found + 0.5 * self.curvature * np.sum((x - self.median) ** 2)
         self._report_score(float(found.mean()))
         return found
 
+    def directions(self, x: np.ndarray) -> np.ndarray:
+        """Return the directions (K, K) of `moved` about scaled values (K,), one a column."""
+        return directions(self.adjusted, x)
+
     def moved(self, x: np.ndarray, k: int, by: float) -> np.ndarray:
-        """Return scaled values (K,) with value k changed by ``by``, within its bounds."""
-        moved = x.copy()
-        moved[k] = np.clip(moved[k] + by, self.low[k], self.high[k])
-        return moved
+        """Return scaled values (K,) with value k changed by ``by`` along its direction, within bounds."""
+        return np.clip(x + by * self.directions(x)[:, k], self.low, self.high)

@@ -3,7 +3,8 @@
 The slopes of the score differ between motions. With its curvature they give the spread of the best values.
 Slopes and curvature are differences over steps over which the score curves by several standard errors, as
 scores from samples are noisy over shorter steps. Where the score is no quadratic, the distance at which it is
-larger by a standard error counts, if it is larger. The prior adds its curvature and the error of its median.
+larger by a standard error counts, if it is larger: along the value, and along a line on which the other
+values make up for it. The prior adds its curvature and the error of its median.
 """
 
 from __future__ import annotations
@@ -37,7 +38,10 @@ class _Axis(NamedTuple):
     """The score of each of M motions along one coordinate, about the middle."""
 
     step: float  # distance of the first point from the middle; negative if a bound is too near above
-    beside: np.ndarray  # (M,): scores one step away
+    opposite: float  # distance of the second point: on the other side, or twice as far near a bound
+    #: beside, beyond: (M,): scores at the first and the second point
+    beside: np.ndarray
+    beyond: np.ndarray
     #: slope, curvature: (M,)
     slope: np.ndarray
     curvature: np.ndarray
@@ -45,7 +49,7 @@ class _Axis(NamedTuple):
 
 def refining(count: int) -> int:
     """Return about how many models `refine` tries for ``count`` values."""
-    return 5 * count + count * (count - 1) // 6 + 2
+    return 5 * count + count * (count - 1) // 3 + 2
 
 
 def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
@@ -57,8 +61,9 @@ def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
     middle = posterior.at(x)
     axes = [_axis(posterior, x, middle, k) for k in range(len(x))]
     alone = np.array([_std_alone(posterior, axis) for axis in axes])
-    H = _hessian(posterior, x, middle, axes, alone)
-    slopes = np.array([axis.slope for axis in axes]).T  # (M, K)
+    back = np.linalg.inv(posterior.directions(x))  # from derivatives along directions to those by values
+    H = back.T @ _hessian(posterior, x, middle, axes, alone) @ back
+    slopes = np.array([axis.slope for axis in axes]).T @ back  # (M, K)
     steps = np.array([abs(axis.step) for axis in axes])
     way = _least_in_box(
         slopes.mean(axis=0), H, np.maximum(posterior.low - x, -steps), np.minimum(posterior.high - x, steps)
@@ -75,7 +80,10 @@ def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
     inverse = np.linalg.inv(H)
     stds = np.sqrt(np.diagonal(inverse @ spread @ inverse))
     for k in np.flatnonzero(stds < _NARROWER):
-        stds[k] = max(stds[k], _std_from_increase(posterior, x, middle, k, stds[k]))
+        # the line of least scores for each change of value k, as far as derivatives are known, and its own
+        lines = inverse[k] / inverse[k, k], posterior.directions(x)[:, k]
+        found = [_std_from_increase(posterior, x, middle, k, along, stds[k]) for along in lines]
+        stds[k] = max(stds[k], *found)
     stds = np.minimum(stds, 1.0)
     return Estimate(x, stds, stds < _NARROWER)
 
@@ -106,7 +114,7 @@ def _along(posterior, x, middle, k, step) -> _Axis:
     first, second = posterior.at(posterior.moved(x, k, a)), posterior.at(posterior.moved(x, k, b))
     slope = ((first - middle) * b * b - (second - middle) * a * a) / (a * b * (b - a))
     curvature = 2.0 * ((second - middle) * a - (first - middle) * b) / (a * b * (b - a))
-    return _Axis(a, first, slope, curvature)
+    return _Axis(a, b, first, second, slope, curvature)
 
 
 def _curvature(posterior, axis):
@@ -131,13 +139,26 @@ def _hessian(posterior, x, middle, axes, alone):
     for i, one in enumerate(axes):
         for j, other in enumerate(axes[:i]):
             if max(alone[i], alone[j]) < _NARROWER:
-                both = posterior.moved(posterior.moved(x, i, one.step), j, other.step)
-                mixed = posterior.at(both) - one.beside - other.beside + middle
-                H[i, j] = H[j, i] = mixed.mean() / (one.step * other.step)
+                H[i, j] = H[j, i] = _mixed(posterior, x, middle, (i, one), (j, other))
     C = np.clip(H / np.outer(size, size), -1.0, 1.0)
     np.fill_diagonal(C, 1.0)
     values, vectors = np.linalg.eigh(C)
     return (vectors * np.maximum(values, _LEAST_CURVATURE)) @ vectors.T * np.outer(size, size)
+
+
+def _mixed(posterior, x, middle, first, second):
+    """Return the second derivative of the mean score by two values; each is a coordinate and its `_Axis`.
+
+    It is the mean over two corners. One corner alone does not show that values make up for each other: the
+    score saturates where their effects add up.
+    """
+    (i, one), (j, other) = first, second
+    aside = posterior.moved(x, i, one.step)
+    found = [
+        (posterior.at(posterior.moved(aside, j, step)) - one.beside - scores + middle) / (one.step * step)
+        for step, scores in ((other.step, other.beside), (other.opposite, other.beyond))
+    ]
+    return float(np.mean(found))
 
 
 def _spread(slopes, hessian):
@@ -149,23 +170,24 @@ def _spread(slopes, hessian):
     return (own.T @ own + _LIKE_LIKELIHOOD * PRIOR_WEIGHT * hessian) / (count - 1 + _LIKE_LIKELIHOOD)
 
 
-def _std_from_increase(posterior, x, middle, k, std):
-    """Return the standard deviation of a value from the increase of the score on both sides of it.
+def _std_from_increase(posterior, x, middle, k, along, std):
+    """Return the standard deviation of value k from the increase of the score on both sides of it.
 
-    For a quadratic score it is ``std``: two standard deviations away, the score is larger by one standard
-    error of the difference.
+    ``along`` (K,) is the change of all values for a unit change of value k. For a quadratic score the result
+    is ``std``: two standard deviations away, the score is larger by one standard error of the difference.
     """
-    both = np.array([_reach(posterior, x, middle, k, side * 2.0 * std) for side in (1.0, -1.0)])
+    both = np.array([_reach(posterior, x, middle, k, side * along, 2.0 * std) for side in (1.0, -1.0)])
     return 0.5 * math.sqrt(np.mean(both**2))
 
 
-def _reach(posterior, x, middle, k, by):
+def _reach(posterior, x, middle, k, along, by):
     """Return the distance from value k at which the score is larger by a standard error; first try ``by``."""
     last, before = 0.0, 0.0
-    farthest = min(2.0, posterior.high[k] - x[k] if by > 0.0 else x[k] - posterior.low[k])
+    farthest = min(2.0, posterior.high[k] - x[k] if along[k] > 0.0 else x[k] - posterior.low[k])
     while last < farthest:
-        far = min(abs(by), farthest)
-        differences = posterior.at(posterior.moved(x, k, math.copysign(far, by))) - middle
+        far = min(by, farthest)
+        moved = np.clip(x + far * along, posterior.low, posterior.high)
+        differences = posterior.at(moved) - middle
         certainty = float(differences.mean()) / max(_standard_error(differences), 1e-300)
         if certainty >= 1.0:
             return last + (far - last) * (1.0 - before) / (certainty - before)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from unc_physics.calibration.adjustable import DEFAULT, Model
+from unc_physics.calibration.adjustable import FITTABLE, Model
 from unc_physics.calibration.calibrate import fit_model
 from unc_physics.calibration.objective import Simulator, as_recorded, seed_of, simulated
 from unc_physics.calibration.scores import (
@@ -190,7 +190,7 @@ def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
 def _calibrated(own: RecordedSet, others, p, simulate: Simulator, seed: int) -> tuple[Model, list]:
     """Return the model fitted to other motions, and its values."""
     scene = own.measured_scene(others)
-    names = DEFAULT if p["by"] == OURS else [name for name in DEFAULT if name != "impact_friction_speed"]
+    names = FITTABLE if p["by"] == OURS else [name for name in FITTABLE if name != "impact_friction_speed"]
     if own.starts is not None:
         names = [name for name in names if not name.endswith("_noise")]
     before = own.model(others, scene)
