@@ -69,6 +69,19 @@ def test_standard_deviations_cover_the_truth():
     assert (np.median(stds, axis=0) < 0.2).all()
 
 
+@pytest.mark.long
+def test_standard_deviations_hold_far_from_the_scene_s_friction():
+    """Friction and the speed that halves it make up for each other; throws hardly tell them apart."""
+    prior, deviations = everyday(friction_std=0.0, restitution_std=0.0), []
+    for seed, friction, restitution, speed in ((1, 0.458, 0.431, 1.77), (4, 0.474, 0.257, 1.63)):
+        true = {"friction": friction, "restitution": restitution, "impact_friction_speed": speed}
+        own = throws(replace(prior, **true), 30, seed=seed)
+        found = calibrate(own, prior, list(true), samples=16, evaluations=30, seed=seed)
+        deviations.append([(one.value - true[one.name]) / one.std for one in found.fitted])
+    z = np.array(deviations)
+    assert np.sqrt(np.mean(z**2)) < 1.7 and np.abs(z).max() < 3.0
+
+
 def test_laws_that_the_scene_lacks_are_not_fitted():
     laws = {"impact_friction_speed", "impact_direction_std", "impact_point_std", "impact_friction_std"}
     exact = scene()
