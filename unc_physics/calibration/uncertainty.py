@@ -3,8 +3,8 @@
 The slopes of the score differ between motions. With its curvature they give the spread of the best values.
 Slopes and curvature are differences over steps over which the score curves by several standard errors, as
 scores from samples are noisy over shorter steps. Where the score is no quadratic, the distance at which it is
-larger by a standard error counts, if it is larger: along the value, and along a line on which the other
-values make up for it. The prior adds its curvature and the error of its median.
+larger by a standard error counts, if it is larger. While one value moves, the other values follow on the line
+of least scores. The prior adds its curvature and the error of its median.
 """
 
 from __future__ import annotations
@@ -80,10 +80,8 @@ def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
     inverse = np.linalg.inv(H)
     stds = np.sqrt(np.diagonal(inverse @ spread @ inverse))
     for k in np.flatnonzero(stds < _NARROWER):
-        # the line of least scores for each change of value k, as far as derivatives are known, and its own
-        lines = inverse[k] / inverse[k, k], posterior.directions(x)[:, k]
-        found = [_std_from_increase(posterior, x, middle, k, along, stds[k]) for along in lines]
-        stds[k] = max(stds[k], *found)
+        along = inverse[k] / inverse[k, k]  # the least scores for each change of value k, if quadratic
+        stds[k] = max(stds[k], _std_from_increase(posterior, x, middle, k, along, stds[k]))
     stds = np.minimum(stds, 1.0)
     return Estimate(x, stds, stds < _NARROWER)
 
