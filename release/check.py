@@ -50,7 +50,8 @@ def main():
             target = Path(folder) / "node"
             where = ["--no-deps", "--target", target]
             subprocess.run([options.node, "-m", "pip", "install", "-q", *where, wheel], check=True, env=env)
-            demo = [options.node, "-m", "unc_physics.ros.demo", "--output", Path(folder) / "demo.png"]
+            output = Path(folder) / "demo.png"
+            demo = [options.node, "-m", "unc_physics.ros.demo", "--all-methods", "--output", output]
             models = {
                 "PYTHONPATH": str(target),
                 "UNC_PHYSICS_MODELS": str(target / "share/unc_physics/models"),
