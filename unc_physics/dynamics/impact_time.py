@@ -19,8 +19,9 @@ _ALMOST = 0.9  # share of the impact speed above which a closing contact may hav
 LIVELY, _SLOWEST_LIVELY = 0.7, 1e-3
 #: Way that an edge that lands closes in a step, above which it has an impact [m]: about the depth at which
 #: contacts rest. Then its least lever arm about contacts that carry load, relative to the body's radius.
-#: Bumps of a rolling body have shorter ones.
-_LANDING, _APART = 8e-5, 0.3
+#: Bumps of a rolling body have shorter ones. Corners of a face with few corners, on which no body rolls,
+#: land at shorter ones, too.
+_LANDING, _APART, _CORNERS_APART, _FEW_CORNERS = 8e-5, 0.3, 0.2, 8
 _DEEP = 0.01  # depth that contacts may reach without an impact, relative to the smaller body's radius
 
 
@@ -42,6 +43,16 @@ def may_land(i, work):
     return work.head[i] >= 0 and work.group[i] == i and work.next_member[i] < 0
 
 
+@inner
+def _is_corner(s, faces):
+    """Return whether sphere ``s`` belongs to a solid face whose outline has few corners."""
+    for k in range(FACES_OF_A_SPHERE):
+        f = faces.of_sphere[s, k]
+        if f >= 0 and 0 < faces.corners[f] <= _FEW_CORNERS:
+            return True
+    return False
+
+
 @inner(noinline=True)
 def _lands(c, world, work):
     """Return whether contact ``c`` lands on an element, as the body turns about all contacts that carry load.
@@ -54,7 +65,8 @@ def _lands(c, world, work):
         return False
     row, centers, stands = work.rows[c], world.tree.centers, False
     level = cross(triple(row, DIRECTION), triple(work.velocity[START, i], 3))  # as long as the level turn
-    least = _APART * row[ROLL_RADIUS] * math.sqrt(dot(level, level))
+    apart = _CORNERS_APART if _is_corner(s, world.implicit.faces) else _APART
+    least = apart * row[ROLL_RADIUS] * math.sqrt(dot(level, level))
     across = rotate_back(work.R[i], level[0], level[1], level[2])
     entry = work.head[i]
     while entry >= 0:
