@@ -27,6 +27,9 @@ inside = (local[:, 2] > -0.4) & (away < 0.3 * (0.4 - local[:, 2]) / 0.8)
 np.testing.assert_allclose(distance, np.where(inside, -nearest, nearest), atol=2e-4)
 foot, _ = cone.surface(points - distance[:, None] * normal)
 np.testing.assert_allclose(foot, 0.0, atol=1e-12)
+directions = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.6, 0.0, 0.8]])
+reach = np.einsum("nk,nk->n", cone.outermost(directions), directions)
+np.testing.assert_allclose(reach, [0.4, 0.4, 0.38], atol=1e-6)
 
 # the page in the browser draws it as it is, not as its bounding box
 vertices, faces = element_mesh(cone, 1.0)

@@ -15,7 +15,7 @@ from unc_physics.checks.errors import InvalidEnvironmentError, InvalidOrientatio
 from unc_physics.collision import shapes
 from unc_physics.collision.element_contacts import cap
 from unc_physics.dynamics.rollout import simulate
-from unc_physics.plots.scene_picture import outermost, outline
+from unc_physics.plots.scene_picture import outline
 from unc_physics.scene.environment import ELEMENTS, Box, Capsule, Cylinder, Element, Plane, Sphere
 
 ROUND_OFF = 1e-12
@@ -154,7 +154,26 @@ def test_an_outline_holds_the_solid_and_touches_it(name):
     for angle in np.linspace(0.0, 2.0 * np.pi, 37):
         u = np.array([math.cos(angle), math.sin(angle)])
         assert (seen @ u).max() == pytest.approx((solid @ u).max(), abs=1e-3)
-    np.testing.assert_allclose(element.surface(outermost(element, np.eye(3)))[0], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", FINITE)
+def test_outermost_points_are_exact(name):
+    """Beside the solids' support functions in closed form."""
+    element = placed(name, Rotation.from_rotvec([0.4, -0.3, 0.8]), (0.5, -1.0, 2.0))
+    directions = random_points()
+    directions = np.concatenate([directions, np.eye(3), element.rotation.T, -element.rotation.T])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    local = np.abs(directions @ element.rotation)
+    across = np.hypot(local[:, 0], local[:, 1])
+    reach = {
+        "box": local @ HALF,
+        "sphere": np.full(len(local), 0.4),
+        "cylinder": 0.3 * across + 0.5 * local[:, 2],
+        "capsule": 0.3 + 0.4 * local[:, 2],
+    }[name]
+    points = element.outermost(directions)
+    np.testing.assert_allclose(np.einsum("nk,nk->n", points - element.position, directions), reach, atol=1e-6)
+    np.testing.assert_allclose(element.surface(points)[0], 0.0, atol=1e-7)
 
 
 def placed(name, rotation, position):

@@ -14,11 +14,14 @@ from unc_physics import (
     BodyBelief,
     Box,
     BoxRegion,
+    Capsule,
+    Cylinder,
     FellOff,
     InRegion,
     Plane,
     RigidBody,
     Scene,
+    Sphere,
     Touches,
     UncPhysicsError,
     Upright,
@@ -225,6 +228,35 @@ def test_events_are_what_they_say():
     np.testing.assert_array_equal(FellOff("box", "ramp").happened(outcomes), height < top)
     top = (post.model.centers[:, 2] + post.model.radii).max()
     np.testing.assert_array_equal(FellOff("box", "post").happened(outcomes), height < top)
+
+
+@pytest.mark.parametrize(
+    ("support", "top"),
+    [
+        (Cylinder(0.1, 1.0, (0.0, 0.0, 0.1), (0.5, 0.5, 0.5, 0.5)), 0.2),
+        # lying along x, and turned by 45 degrees about its own axis
+        (
+            Cylinder(
+                0.1,
+                1.0,
+                (0.0, 0.0, 0.1),
+                tuple((Rotation.from_euler("y", 90, True) * Rotation.from_euler("z", 45, True)).as_quat()),
+            ),
+            0.2,
+        ),
+        (
+            Capsule(0.1, 0.5, (0.0, 0.0, 0.0), tuple(Rotation.from_euler("y", 45, True).as_quat())),
+            0.1 + 0.25 * np.sqrt(0.5),
+        ),
+        (Sphere(0.1, (0.0, 0.0, 0.3)), 0.4),
+    ],
+)
+def test_the_top_of_a_round_support_is_its_highest_point(support, top):
+    scene = replace(SCENE, environment=[replace(support, name="support")])
+    states = np.zeros((2, 1, 13))
+    states[:, 0, 2], states[..., 9] = (top - 1e-5, top + 1e-5), 1.0
+    outcomes = RolloutOutcomes(scene, BELIEF.mean, states)
+    assert FellOff("box", "support").happened(outcomes).tolist() == [True, False]
 
 
 BAD = {

@@ -26,7 +26,6 @@ SIDE, _ABOVE = (
     np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
     np.eye(3),
 )  # right, up and towards the eye, as rows
-_FAR = 1e4  # distance relative to an element's size from which its nearest point is its outermost one
 _OUTLINE = 180  # number of outline points
 _LEGEND = 1.0  # inches of height, below the views
 _NAMED = 12  # most bodies in the legend
@@ -145,7 +144,7 @@ def bounds(scene, beliefs, shown=()):
         high = np.maximum(high, (centers + reached).max(axis=0))
     for element in scene.environment:
         if element.finite:
-            ends = outermost(element, np.concatenate([np.eye(3), -np.eye(3)]))
+            ends = element.outermost(np.concatenate([np.eye(3), -np.eye(3)]))
             span = (high - low).max()  # a table may be much larger than the objects on it
             low = np.minimum(low, np.maximum(ends.min(axis=0), low - 0.3 * span))
             high = np.maximum(high, np.minimum(ends.max(axis=0), high + 0.3 * span))
@@ -225,7 +224,7 @@ def draw_environment(axes, environment, view, window):
                 if len(solid):
                     axes.add_patch(Polygon(solid, zorder=0, **_SOLID))
     solids = [element for element in environment if not isinstance(element, Plane)]
-    for element in sorted(solids, key=lambda element: (outermost(element, view[2:]) @ view[2]).item()):
+    for element in sorted(solids, key=lambda element: (element.outermost(view[2:]) @ view[2]).item()):
         axes.add_patch(Polygon(outline(element, view), zorder=1, alpha=0.7, **_SOLID))
 
 
@@ -247,15 +246,7 @@ def outline(element, view):
     """(n, 2): outline of a finite element, seen from far away: a convex polygon, right and up [m]."""
     angle = 2.0 * np.pi * (np.arange(_OUTLINE) + 0.5) / _OUTLINE
     directions = np.cos(angle)[:, None] * view[0] + np.sin(angle)[:, None] * view[1]
-    return outermost(element, directions) @ view[:2].T
-
-
-def outermost(element, directions):
-    """Return the outermost points (n, 3) of a finite element in given directions (n, 3), world frame [m]."""
-    low, high = element.bounds
-    points = element.position + _FAR * np.linalg.norm(high - low) * directions
-    distance, normal = element.surface(points)
-    return points - distance[:, None] * normal
+    return element.outermost(directions) @ view[:2].T
 
 
 def ellipse(center, P, **style):

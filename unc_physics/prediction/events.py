@@ -321,7 +321,7 @@ class FellOff(BodyEvent):
     def check(self, scene, field):
         super().check(scene, field)
         if self.support:
-            self._top(scene, None, f"{field}.support")
+            self._checked_support(scene, f"{field}.support")
 
     @property
     def names(self):
@@ -331,34 +331,35 @@ class FellOff(BodyEvent):
         scene, up = outcomes.scene, up_of(outcomes.scene)
         heights = self.states(outcomes)[:, POSITION] @ up
         if self.support:
-            return self._top(scene, outcomes.states, "support") - heights
+            return self._top(scene, outcomes.states) - heights
         b = _body(self.object, scene)
         drop = scene.bodies[b].model.bounding_radius if self.drop is None else self.drop
         return outcomes.start[b, POSITION] @ up - drop - heights
 
-    def _top(self, scene, states, field):
-        """Return the height of the support's highest point [m], (N,) if it is a body; raise if it has none.
-
-        Without ``states`` (N, B, 13), only check the support.
-        """
-        up = up_of(scene)
-        k = _index(
-            self.support, thing_names(scene), field, "is neither a body nor an element of the environment"
-        )
-        if k < len(scene.bodies):
-            if self.support == self.object:
-                raise InvalidRequestError("must be another one", field=field, value=self.support)
-            return None if states is None else _top_of_body(scene.bodies[k].model, states[:, k], up)
-        element = scene.environment[k - len(scene.bodies)]
-        if element.shape == "plane":
-            if element.normal @ up < 1.0 - _LEVEL:
+    def _checked_support(self, scene, field):
+        """Return the index of the support among bodies and elements; raise if it has no highest point."""
+        problem, names = "is neither a body nor an element of the environment", thing_names(scene)
+        k = _index(self.support, names, field, problem)
+        if self.support == self.object:
+            raise InvalidRequestError("must be another one", field=field, value=self.support)
+        if k >= len(scene.bodies):
+            element = scene.environment[k - len(scene.bodies)]
+            is_level = element.shape == "plane" and element.normal @ up_of(scene) >= 1.0 - _LEVEL
+            if not (is_level or element.finite):
+                kind = "a plane that is not level" if element.shape == "plane" else "unbounded"
                 raise InvalidRequestError(
-                    "is a plane that is not level, and has no highest point", field=field, value=self.support
+                    f"is {kind}, and has no highest point", field=field, value=self.support
                 )
-            return float(element.position @ up)
-        low, high = element.bounds
-        corners = np.where(np.indices((2, 2, 2)).reshape(3, 8).T, high, low) @ element.rotation.T
-        return float(np.max(corners @ up) + element.position @ up)
+        return k
+
+    def _top(self, scene, states):
+        """Return the height of the support's highest point [m], (N,) if it is a body."""
+        k, up = self._checked_support(scene, "support"), up_of(scene)
+        if k < len(scene.bodies):
+            return _top_of_body(scene.bodies[k].model, states[:, k], up)
+        element = scene.environment[k - len(scene.bodies)]
+        highest = element.outermost(up[None])[0] if element.finite else element.position
+        return float(highest @ up)
 
     def __str__(self):
         return f"{self.object} fell off {self.support}".removesuffix(" ")

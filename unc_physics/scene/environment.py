@@ -65,6 +65,8 @@ Orientation = Annotated[Array, Quantity((4,), quaternion)]
 _MOST_TILT = 0.5  # rad
 #: Name that stands for any element of the environment.
 ENVIRONMENT = "environment"
+#: Distance from a solid, over its size, at which its nearest point is outermost, to 1e-7 of the size.
+_FAR = 1e7
 _ORIGIN, _UNTURNED = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 
 #: Class of each kind of element by the name of its shape; subclasses register themselves.
@@ -162,6 +164,19 @@ class Element(ElementAttributes, Surface):
     def finite(self) -> bool:
         """Whether the solid is bounded in every direction."""
         return bool(np.isfinite(self.bounds).all())
+
+    def outermost(self, directions: np.ndarray) -> np.ndarray:
+        """Return the outermost points (n, 3) of a finite solid in given directions, world frame [m].
+
+        Parameters
+        ----------
+        directions : (n, 3) array
+            Unit vectors, world frame.
+        """
+        (low, high), R = self.bounds, self.rotation
+        far = np.ascontiguousarray(_FAR * np.linalg.norm(high - low) * (directions @ R))
+        distance, normal = shapes.surfaces(*self._row(), 0, far)
+        return (far - distance[:, None] * normal) @ R.T + self.position
 
     def surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the signed distance of points from the surface [m] and its outward normal, world frame.
