@@ -5,6 +5,7 @@ import pytest
 from tracked_scenes import NOISE, belief_of, free_scene, pose
 
 from unc_physics import ContactNoise, PoseMeasurement, UncPhysicsError, make_propagator, with_stiffness
+from unc_physics.checks.errors import DivergedError
 from unc_physics.tracking.correction import CorrectedState, Start, correct_state
 from unc_physics.tracking.ensemble import Gates
 from unc_physics.tracking.history import History
@@ -76,3 +77,31 @@ def test_a_late_measurement_is_applied_before_the_later_ones():
     entry, replayed = late.add(tracked, times[1], seen_at(times[1]))
     assert replayed == 1 and entry.rejected == ()
     np.testing.assert_array_equal(late.last.state.carry.states, in_order.last.state.carry.states)
+
+
+def test_a_correction_that_fails_leaves_the_history_as_it_was(monkeypatch):
+    tracked, state = begun(**UNKNOWN)
+    history, untouched = History(0.0, state), History(0.0, state)
+    for one in (history, untouched):
+        one.add(tracked, 0.0, seen_at(0.0))
+        one.advance(tracked, 2.5 * PERIOD)
+    applied = []
+
+    def second_fails(*arguments):
+        applied.append(arguments)
+        if len(applied) == 2:  # after the start at the first pose, which changes its state
+            raise DivergedError("left the range of numbers", field="tracker")
+        return correct_state(*arguments)
+
+    monkeypatch.setattr("unc_physics.tracking.history.correct_state", second_fails)
+    with pytest.raises(DivergedError):
+        history.add(tracked, PERIOD, seen_at(PERIOD))
+    monkeypatch.undo()
+    assert len(applied) == 2
+    for time in (0.0, PERIOD, 3.0 * PERIOD):
+        found, expected = (one.state_at(tracked, time) for one in (history, untouched))
+        np.testing.assert_array_equal(found.carry.states, expected.carry.states)
+        assert found.tracks[0].mode is TrackMode.STARTING
+    for one in (history, untouched):
+        one.add(tracked, 2.0 * PERIOD, seen_at(2.0 * PERIOD))
+    np.testing.assert_array_equal(history.last.state.carry.states, untouched.last.state.carry.states)

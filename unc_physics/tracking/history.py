@@ -90,6 +90,8 @@ class History:
     ) -> tuple[Entry, int]:
         """Add measurements of a time [s] that is not before the first state.
 
+        If this fails, the history stays as it was.
+
         Returns
         -------
         entry : Entry
@@ -98,9 +100,11 @@ class History:
         """
         place = self._place(time)
         entry = Entry(time, measurements, self._entries[place].state)
-        self._entries.insert(place + 1, entry)
-        self._replay(tracked, place + 1)
-        return entry, len(self._entries) - 1 - self._entries.index(entry)
+        entries = [copy.copy(one) for one in self._entries]
+        entries.insert(place + 1, entry)
+        _replay(tracked, entries, place + 1)
+        self._entries, self._present = entries, None
+        return entry, len(entries) - place - 2
 
     def forget(self, time: float) -> None:
         """Remove the entries that no time from the given one on [s] needs."""
@@ -114,18 +118,18 @@ class History:
             (k for k, entry in enumerate(self._entries) if entry.time <= time + _SAME_TIME), default=-1
         )
 
-    def _replay(self, tracked, place):
-        """Apply the measurements from an index on again."""
-        k, entries = place, self._entries
-        while k < len(entries):
-            entry = entries[k]
-            state = advanced(tracked, entries[k - 1].state, tracked.step(entry.time))
-            times = [one.time for one in entries[1:k]]
-            found = correct_state(tracked, state, entry.time, entry.measurements, times)
-            if isinstance(found, Start):  # of members at an earlier measurement, which continue from there
-                k = max(j for j in range(1, k) if entries[j].time == found.free.time)
-                entries[k].state = with_physics_in_charge(tracked, entries[k].state, found.place, found.free)
-            else:
-                entry.state, entry.rejected = found
-            k += 1
-        self._present = None
+
+def _replay(tracked, entries, place):
+    """Apply the measurements of entries from an index on again, in place."""
+    k = place
+    while k < len(entries):
+        entry = entries[k]
+        state = advanced(tracked, entries[k - 1].state, tracked.step(entry.time))
+        times = [one.time for one in entries[1:k]]
+        found = correct_state(tracked, state, entry.time, entry.measurements, times)
+        if isinstance(found, Start):  # of members at an earlier measurement, which continue from there
+            k = max(j for j in range(1, k) if entries[j].time == found.free.time)
+            entries[k].state = with_physics_in_charge(tracked, entries[k].state, found.place, found.free)
+        else:
+            entry.state, entry.rejected = found
+        k += 1
