@@ -14,6 +14,7 @@ from unc_physics import (
     Scene,
     Touches,
     UncPhysicsError,
+    assess,
     load_model,
     make_propagator,
     predict,
@@ -129,6 +130,21 @@ def test_trajectories_hold_each_time(tumbling):
         ),
         (lambda p: p.body("mug", origin="com"), "origin must be one of center_of_mass, model"),
         (lambda p: p["mug"].covariance("body"), "convention must be one of ros, error_state"),
+        (lambda p: p["mug"].status(rollouts=1), r"rollouts must be 0, or at least 2 \(got 1\)"),
+        (lambda p: p["mug"].status(rollouts=-3), r"rollouts must be at least 0 \(got -3\)"),
+        (lambda p: p["mug"].status(rollouts="x"), r"rollouts must be an integer \(got 'x'\)"),
+        *[
+            (ask, "prediction is an empty slice, without any time; take a slice that contains")
+            for ask in (
+                lambda p: p[:0].time,
+                lambda p: p[:0].belief,
+                lambda p: p[:0].carry,
+                lambda p: p[:0].at(0.1),
+                lambda p: p[:0]["mug"],
+                lambda p: p[:0].to_dict(),
+                lambda p: assess(p[:0]),
+            )
+        ],
         (lambda p: p.probability(Touches("mug", "pots")), "event.other is neither .* did you mean 'post'"),
         (lambda p: p.probability(Touches("post", "plane_0")), "'post' can touch, as neither moves freely"),
     ],
@@ -136,6 +152,10 @@ def test_trajectories_hold_each_time(tumbling):
 def test_what_cannot_be_answered_is_named(tumbling, ask, words):
     with pytest.raises(UncPhysicsError, match=words):
         ask(tumbling)
+
+
+def test_an_empty_slice_prints_the_physics_alone(tumbling):
+    assert str(tumbling[:0]) == str(tumbling).splitlines()[0]
 
 
 def test_a_prediction_says_what_to_iterate_over(tumbling):

@@ -101,8 +101,8 @@ def run(arguments) -> int:
     """Predict and print the result."""
     from ..checks.errors import InvalidHorizonError
     from ..checks.validation import number_from_text
-    from ..prediction.diagnosis import ROLLOUTS
-    from ..prediction.status import assess, compared_rollouts
+    from ..prediction.diagnosis import ROLLOUTS, compared_rollouts
+    from ..prediction.status import assess
     from ..scene.scene_file import load_scene
 
     _check_outputs(arguments)

@@ -9,9 +9,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..checks.errors import InvalidOptionError, LimitExceededError
+from ..checks.validation import integer
 from ..compiler.compile_time import clock
 from ..propagators.balanced_monte_carlo import BalancedMonteCarlo
-from ..propagators.base import PointPairs, rollout_count
+from ..propagators.base import SAMPLES_LIMIT, PointPairs, rollout_count
 from ..propagators.modes import may_split
 from ..scene.marks import mark_at
 from ..spatial.layout import ERR_ANGULAR_VELOCITY
@@ -44,12 +46,23 @@ _SEED = 0  # of the rollouts; added rollouts have the next one. A fixed seed mak
 _judged: WeakKeyDictionary[Snapshot, dict[int, tuple[BodyStatus, ...]]] = WeakKeyDictionary()
 
 
+def compared_rollouts(rollouts: int, field: str = "rollouts") -> int:
+    """Return the number of rollouts to compare with, checked; one alone has no spread."""
+    found = integer(rollouts, field, low=0)
+    if found == 1:
+        raise InvalidOptionError("must be 0, or at least 2", field=field, value=rollouts)
+    if found > SAMPLES_LIMIT:
+        raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field=field, value=rollouts)
+    return found
+
+
 @np.errstate(all="ignore")
 def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
     """Return the statuses of all bodies at each time, as of a prediction that ends at this time.
 
     Spreads are compared with those of ``rollouts`` rollouts, as in `status.assess`.
     """
+    rollouts = compared_rollouts(rollouts)
     if all(snapshot.received is not None for snapshot in prediction.snapshots):
         return tuple(snapshot.received.statuses for snapshot in prediction.snapshots if snapshot.received)
     known = [_judged.setdefault(snapshot, {}).get(rollouts) for snapshot in prediction.snapshots]

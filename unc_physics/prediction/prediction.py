@@ -130,6 +130,11 @@ class Prediction:
         InvalidRequestError
             If nothing was predicted for that time.
         """
+        if not self.snapshots:
+            raise InvalidRequestError(
+                "is an empty slice, without any time; take a slice that contains one of the times",
+                field="prediction",
+            )
         if time is None:
             return self.snapshots[-1]
         times, time = np.array(self.times), number(time, "time")
@@ -178,17 +183,17 @@ class Prediction:
     @property
     def belief(self) -> Belief:
         """The last belief."""
-        return self.snapshots[-1].belief
+        return self.at().belief
 
     @property
     def time(self) -> float:
         """Simulated time of the last belief [s]."""
-        return self.snapshots[-1].time
+        return self.at().time
 
     @property
     def carry(self) -> Any:
         """The propagator's persistent state at the end, a NamedTuple; None from a node."""
-        return self.snapshots[-1].carry
+        return self.at().carry
 
     @property
     def seed(self) -> int | None:

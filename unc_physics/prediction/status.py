@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ..checks.errors import InvalidOptionError, LimitExceededError
-from ..checks.validation import instance, integer
-from ..propagators.base import SAMPLES_LIMIT
+from dataclasses import replace
+
+from ..checks.validation import instance
 from .body_status import BodyStatus
 from .diagnosis import ROLLOUTS, judge
 from .prediction import Prediction
@@ -33,19 +33,10 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
     Each measure stands with its limit and its words in `diagnostics`.
     """
     instance(prediction, Prediction, "prediction")
-    return assess_all(prediction[-1:], rollouts=rollouts)[0]
+    return assess_all(replace(prediction, snapshots=(prediction.at(),)), rollouts=rollouts)[0]
 
 
 def assess_all(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[tuple[BodyStatus, ...], ...]:
     """As `assess`, at each of the prediction's times, of the prediction that ends there."""
     instance(prediction, Prediction, "prediction")
-    return judge(prediction, compared_rollouts(rollouts))
-
-
-def compared_rollouts(rollouts: int, field: str = "rollouts") -> int:
-    """With how many rollouts to compare, checked; one alone has no spread."""
-    if integer(rollouts, field, low=0) == 1:
-        raise InvalidOptionError("must be 0, or at least 2", field=field, value=rollouts)
-    if rollouts > SAMPLES_LIMIT:
-        raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field=field, value=rollouts)
-    return rollouts
+    return judge(prediction, rollouts)

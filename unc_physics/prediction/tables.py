@@ -100,7 +100,7 @@ def as_table(prediction: Prediction, most: int | None = None) -> str:
     """
     first = f"{prediction.propagator.name}; {physics_as_text(prediction.scene)}"
     times, size = len(prediction.times), 2 + len(prediction.scene.bodies)
-    hidden = 0 if most is None else times - max(1, min(times, (most - 2) // size))
+    hidden = 0 if most is None else times - min(times, max(1, (most - 2) // size))
     lines = [first]
     if hidden:
         lines.append(f"... {hidden} earlier times are not shown")

@@ -21,7 +21,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from ..checks.errors import InvalidOptionError, UncPhysicsError
 from ..checks.validation import non_negative
-from ..prediction.status import compared_rollouts
+from ..prediction.diagnosis import compared_rollouts
 from ..propagators.names import ANYTIME, DEFAULT, REFERENCE
 from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
