@@ -397,10 +397,28 @@ def test_friction_is_learned():
     tracker = Tracker(scene, belief_of(scene, box0=known), noise=quiet)
     for time, x in zip(times, truth, strict=True):
         tracker.correct(time, {"box0": measured(x[0], rng)})
-    ((mean, std),) = tracker.parameters().values()
+    mean, std = tracker.parameters()["friction"]
     found = 0.4 * np.exp(mean * 0.15 / 0.4)
     assert std < 0.5
     assert found == pytest.approx(0.25, abs=max(0.05, 3.0 * std * found * 0.15 / 0.4))
+
+
+def test_parameters_are_named_as_their_bodies_and_elements():
+    light, other = (RigidBody(name, box(), 0.3, mass_std=0.05) for name in ("light", "other"))
+    table = Plane(offset=0.0, friction=0.4, friction_std=0.1, surface_tilt_std=0.01, name="table")
+    scene = Scene.everyday([light, other], exact=True, environment=[table], gravity_direction_std=0.01)
+    known = {"light": {"position": [0.0, 0.0, 0.3]}, "other": {"position": [0.0, 0.0, 0.6]}}
+    found = Tracker(scene, belief_of(scene, **known)).parameters()
+    assert list(found) == [
+        "gravity_direction[0]",
+        "gravity_direction[1]",
+        "mass of light",
+        "mass of other",
+        "friction of table",
+        "surface_tilt[0] of table",
+        "surface_tilt[1] of table",
+    ]
+    np.testing.assert_allclose([*found.values()], np.tile([0.0, 1.0], (7, 1)), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -423,6 +441,30 @@ def test_friction_is_learned():
         (lambda t: ContactNoise(velocity=-1.0), "velocity"),
         (lambda t: Tracker(t.scene, t.belief(), members=2), "members"),
         (lambda t: Tracker(t.scene, t.belief(), symmetries={"cup": [[0, 0, 0, 1]]}), "cup"),
+        *[
+            (call, words)
+            for given, got in (
+                ("x", "'x'"),
+                (1.0, "1.0"),
+                ([0, 0, 0, 1], r"\[0, 0, 0, 1\]"),
+                ([["a"] * 4], "a"),
+            )
+            for call, words in (
+                (
+                    lambda t, given=given: Tracker(t.scene, t.belief(), symmetries={"box0": given}),
+                    rf"symmetries\['box0'\] must be an AxialSymmetry, or quaternions .*got .*{got}",
+                ),
+                (
+                    lambda t, given=given: t.add(RigidBody("b", box(), 0.3), BodyBelief(), given),
+                    f"^symmetry must be an AxialSymmetry, or quaternions .*got .*{got}",
+                ),
+            )
+        ],
+        (lambda t: Tracker(t.scene, t.belief(), symmetries=[]), "symmetries must be a Mapping"),
+        (
+            lambda t: t.status("nope"),
+            r"^name names no moving body of the scene, whose moving bodies are: 'box0' \(got 'nope'\)",
+        ),
         (lambda t: AxialSymmetry([0.0, 0.0, 0.0]), "axis"),
     ],
 )

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..checks.array_field import Array, array_field
 from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
-from ..checks.validation import array, quaternion
+from ..checks.validation import array, instance, numbers, quaternion
 from ..scene.scene import Scene
 from ..spatial.layout import QUATERNION
 from ..spatial.moments import mean_and_errors
@@ -138,24 +138,33 @@ def checked_symmetries(
     symmetries: Mapping[str, ArrayLike | AxialSymmetry], scene: Scene
 ) -> dict[str, Symmetry]:
     """Return the symmetry of each body that has one."""
+    instance(symmetries, Mapping, "symmetries")
     names, found = [body.name for body in scene.bodies], {}
     for name, given in symmetries.items():
         if name not in names:
             raise InvalidRequestError(
                 f"is no body of the scene{hint(str(name), names)}", field="symmetries", value=name
             )
-        if isinstance(given, AxialSymmetry):
-            across = np.cross(given.axis, np.eye(3)[np.argmin(np.abs(given.axis))])
-            over = np.append(across / np.linalg.norm(across), 0.0)
-            rotations = [_IDENTITY, over] if given.reversible else [_IDENTITY]
-            found[name] = Symmetry(np.array(rotations), given.axis)
-            continue
-        field = f"symmetries['{name}']"
-        rotations = np.asarray(given, float)
-        rotations = array(rotations, (len(rotations), 4), field)
-        checked = [quaternion(q, f"{field}[{k}]") for k, q in enumerate(rotations)]
-        found[name] = Symmetry(np.array([_IDENTITY, *checked]), None)
+        found[name] = checked_symmetry(given, f"symmetries['{name}']")
     return found
+
+
+def checked_symmetry(given: ArrayLike | AxialSymmetry, field: str) -> Symmetry:
+    """Return the symmetry of a body, checked; errors call it ``field``."""
+    if isinstance(given, AxialSymmetry):
+        across = np.cross(given.axis, np.eye(3)[np.argmin(np.abs(given.axis))])
+        over = np.append(across / np.linalg.norm(across), 0.0)
+        rotations = [_IDENTITY, over] if given.reversible else [_IDENTITY]
+        return Symmetry(np.array(rotations), given.axis)
+    kinds = "must be an AxialSymmetry, or quaternions (x, y, z, w) as an array of shape (K, 4)"
+    try:
+        rotations = numbers(given, field)
+    except InvalidRequestError:
+        raise InvalidRequestError(kinds, field=field, value=given) from None
+    if rotations.ndim != 2 or rotations.shape[1] != 4:
+        raise InvalidRequestError(kinds, field=field, value=given)
+    checked = [quaternion(q, f"{field}[{k}]") for k, q in enumerate(rotations)]
+    return Symmetry(np.array([_IDENTITY, *checked]), None)
 
 
 def folded(

@@ -21,6 +21,7 @@ from ..scene.actions import PosePath
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
+from ..scene.environment import thing_names
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from ..spatial.layout import ERROR
@@ -34,7 +35,7 @@ from .members import first_members, with_last_body, without_body, woken
 from .noise import ContactNoise
 from .report import Correction, TrackStatus
 from .state import State, TrackedScene
-from .symmetry import AxialSymmetry, checked_symmetries
+from .symmetry import AxialSymmetry, checked_symmetries, checked_symmetry
 
 _FEWEST = 8  # members
 
@@ -103,7 +104,12 @@ class Tracker:
         if scene.integrator == "implicit":
             scene = replace(scene, sleep=True, islands=False)
         tracked = TrackedScene(
-            scene, checked_symmetries(symmetries or {}, scene), propagator, noise, gates, self._time
+            scene,
+            checked_symmetries({} if symmetries is None else symmetries, scene),
+            propagator,
+            noise,
+            gates,
+            self._time,
         )
         belief = constrain_belief(scene, belief)
         tracks = tuple(
@@ -194,21 +200,22 @@ class Tracker:
     def status(self, name: str) -> TrackStatus:
         """Return the status of a moving body."""
         statuses = statuses_at(self._tracked, self._state_at(self._time), self._time)
-        return statuses[self._moving_name(name)]
+        return statuses[self._moving_name(name, "name")]
 
     def samples(self) -> np.ndarray:
         """Return the members' states (N, B, 13) at the tracker's time."""
         return members_at(self._tracked, self._state_at(self._time), self._time)
 
     def parameters(self) -> dict[str, tuple[float, float]]:
-        """Return mean and standard deviation of the scene's uncertain parameters, in standard deviations."""
+        """Return mean and standard deviation of the scene's uncertain parameters, in standard deviations.
+
+        Keys are ``"friction"`` for a parameter of the whole scene, ``"mass of can"`` for one of a body or an
+        element, and ``"gravity_direction[0]"`` for one direction of several.
+        """
         z = self._state_at(self._time).carry.parameters
         return {
-            f"{parameter.name} {parameter.axis} of {parameter.body}": (
-                float(z[:, k].mean()),
-                float(z[:, k].std(ddof=1)),
-            )
-            for k, parameter in enumerate(self.scene.uncertain)
+            key: (float(z[:, k].mean()), float(z[:, k].std(ddof=1)))
+            for k, key in enumerate(_parameter_names(self.scene))
         }
 
     def ahead(self, times: float | Sequence[float]) -> Prediction:
@@ -254,7 +261,7 @@ class Tracker:
         _check_tracked(scene, self._tracked.propagator)
         if len(scene.uncertain) != len(old.uncertain):
             raise NotSupportedError("must have no uncertain parameters when it is added", field="body")
-        own = {} if symmetry is None else checked_symmetries({body.name: symmetry}, scene)
+        own = {} if symmetry is None else {body.name: checked_symmetry(symmetry, "symmetry")}
         tracked = replace(self._tracked, scene=scene, symmetries={**self._tracked.symmetries, **own})
         known = belief.at_center_of_mass(body.model.origin)
         self._begin_anew(tracked, with_last_body(tracked, state, known, self._time))
@@ -322,13 +329,13 @@ class Tracker:
             replayed,
         )
 
-    def _moving_name(self, name):
+    def _moving_name(self, name, field):
         names = [self._tracked.names[k] for k in self.scene.moving]
         if name not in names:
             bodies = ", ".join(f"'{one}'" for one in names[:10]) + ", ..." * (len(names) > 10)
             raise InvalidRequestError(
                 f"names no moving body of the scene, whose moving bodies are: {bodies or 'none'}",
-                field="measurements",
+                field=field,
                 value=name,
             )
         return name
@@ -337,7 +344,7 @@ class Tracker:
         instance(measurements, Mapping, "measurements")
         names = self._tracked.names
         for name, measurement in measurements.items():
-            self._moving_name(name)
+            self._moving_name(name, "measurements")
             kinds = PoseMeasurement, PositionMeasurement, Relative
             instance(measurement, kinds, f"measurements['{name}']")
             if isinstance(measurement, Relative) and (
@@ -348,6 +355,18 @@ class Tracker:
                     field=f"reference of measurements['{name}']",
                     value=measurement.reference,
                 )
+
+
+def _parameter_names(scene):
+    """Return a name for each uncertain parameter of a scene."""
+    uncertain, things = scene.uncertain, thing_names(scene)
+    several = {(parameter.name, parameter.body) for parameter in uncertain if parameter.axis}
+    return [
+        parameter.name
+        + f"[{parameter.axis}]" * ((parameter.name, parameter.body) in several)
+        + (f" of {things[parameter.body]}" if parameter.body >= 0 else "")
+        for parameter in uncertain
+    ]
 
 
 def _check_tracked(scene, propagator):
