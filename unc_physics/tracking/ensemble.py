@@ -35,7 +35,8 @@ class Gates(NamedTuple):
     Attributes
     ----------
     soft : float
-        Above it the measurement's covariance grows until the distance is this.
+        Above it the measurement's covariance is multiplied by the ratio of the distance to this. The distance
+        stays larger where the members' spread is large beside the measurement's error.
     hard : float
         Above it the measurement is rejected.
     """

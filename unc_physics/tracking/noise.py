@@ -30,7 +30,8 @@ class ContactNoise:
     rotation : float
         Factor of the angular velocity, relative to the velocity over 0.55 bounding radii.
     lasting : float
-        Factor of the impulse that carries the weight: lasting contacts have smaller errors than impacts.
+        Factor of the part of each impulse that carries the weight: lasting contacts have smaller errors than
+        impacts.
     slow : float
         Speed of the surface below which both decrease in proportion [m/s], so that bodies can fall asleep.
     drift, turn : float
