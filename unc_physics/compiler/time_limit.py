@@ -35,6 +35,10 @@ class TimeLimit:
         """Whether kernels may have ended early, so that their results are invalid."""
         return bool(self.flag[0])
 
+    def resume(self) -> None:
+        """Let kernels run again after the end of the time."""
+        self.flag[0] = 0
+
     def stop(self) -> None:
         """Stop kernels permanently."""
         with _changed:

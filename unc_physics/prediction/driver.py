@@ -27,7 +27,7 @@ from ..scene.scene import Scene
 from .compute_budget import LOOK_UP_AFTER, ComputeBudget, first_piece
 from .events import Event, RolloutOutcomes
 from .islands import IslandRunner
-from .probability import CONFIDENCE, interval
+from .probability import NORMAL_QUANTILE, interval
 from .rare_outcomes import WIDE_ROLLOUTS, tail_factors
 from .snapshot import Snapshot
 
@@ -291,7 +291,7 @@ class _Propagation:
             _, *additional = simulate(begin, runner.advance_through, marks, self._scene, compute_budget)
         except PredictionTimeoutError:  # the complete rollouts are an answer
             if compute_budget.limit is not None:
-                compute_budget.limit.flag[0] = 0
+                compute_budget.limit.resume()
             return None
         return [runner.whole(carry) for _, carry in additional]
 
@@ -311,7 +311,7 @@ class _Propagation:
             for event in self._events:
                 for share in event.happened(outcomes).reshape(len(carries), count).mean(axis=1).tolist():
                     low, high = interval(share, count)
-                    found.append(0.5 * (high - low) / CONFIDENCE)
+                    found.append(0.5 * (high - low) / NORMAL_QUANTILE)
         return np.array(found)
 
 

@@ -20,8 +20,8 @@ from ..scene.scene import Scene
 from .events import Event, RolloutOutcomes, Touches
 from .snapshot import ContactTime, Probability, Snapshot
 
-#: Half width of the interval of a share, in standard deviations; it misses one share in a thousand.
-CONFIDENCE = 3.29
+#: Half width of the interval of a share, in standard deviations: a normal value is beyond once in a thousand.
+NORMAL_QUANTILE = 3.29
 _DRAWN = 1000  # states of a Gaussian
 
 
@@ -91,9 +91,9 @@ def is_deterministic(scene: Scene, initial: Belief) -> bool:
 
 def interval(share: float, count: int) -> tuple[float, float]:
     """Return the bounds of a probability from a share of ``count`` draws (Wilson 1927)."""
-    square = CONFIDENCE**2 / count
+    square = NORMAL_QUANTILE**2 / count
     middle = (share + 0.5 * square) / (1.0 + square)
-    half = CONFIDENCE * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
+    half = NORMAL_QUANTILE * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
     # exact at the ends, where round-off would leave a remainder
     return 0.0 if share == 0.0 else middle - half, 1.0 if share == 1.0 else middle + half
 

@@ -11,7 +11,7 @@ from ..prediction.snapshot import Snapshot
 from ..scene.action_arrays import with_kinematic
 from ..scene.belief import Belief
 from ..scene.marks import Mark
-from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR
+from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, POSITION
 from ..spatial.moments import mean_and_errors, second_moment, symmetric_root
 from .hypotheses import COASTING_AFTER, TrackMode
 from .members import advanced
@@ -83,7 +83,7 @@ def statuses_at(tracked: TrackedScene, state: State, time: float) -> dict[str, T
         if track.mode is TrackMode.CARRIED:
             spread = float(np.sqrt(track.answer(time).covariance.diagonal()[ERR_POSITION].max()))
         else:
-            spread = float(state.carry.states[:, body, :3].std(axis=0).max())
+            spread = float(state.carry.states[:, body, POSITION].std(axis=0).max())
         if track.mode is TrackMode.STARTING:
             status = TrackStatus.STARTING
         elif track.rejected >= _LOST_AFTER or spread > _LOST_STD:

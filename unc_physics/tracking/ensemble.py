@@ -45,6 +45,11 @@ class Gates(NamedTuple):
     hard: float = 100.0
 
 
+def of_dimensions(value: float, dimensions: int) -> float:
+    """Return a value for measurements of six dimensions, in proportion, for another number of them."""
+    return value * dimensions / 6.0
+
+
 #: Gates that let everything through.
 OPEN = Gates(np.inf, np.inf)
 
@@ -155,7 +160,7 @@ def corrected(
         columns = np.concatenate([columns, np.arange(ERROR * len(moving), errors.shape[1])])
         bodies = _MeasuredBodies(one.body, k, one.reference, place[one.reference])
         reading = _Reading(seen.kind, seen.value, seen.point, seen.noise, one.delay)
-        own_gates = Gates(*(np.array(gates) * len(seen.noise) / 6.0))
+        own_gates = Gates(*(of_dimensions(gate, len(seen.noise)) for gate in gates))
         square, density, accepted = correct_errors(mean, errors, columns, bodies, reading, own_gates, change)
         innovations.append(Innovation(square, density, accepted))
         if accepted:

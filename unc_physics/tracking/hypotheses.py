@@ -14,16 +14,18 @@ import numpy as np
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
     ERR_VELOCITY,
+    ERROR,
     POSITION,
     QUATERNION,
     VELOCITY,
 )
 from ..spatial.moments import boxplus
-from .ensemble import Gates, Innovation
+from .ensemble import Gates, Innovation, of_dimensions
 from .measurements import Observation
 from .observation import POSE, constant_velocity, expectation, kalman_update
-from .observation import POSITION as POSITION_ONLY
 from .symmetry import NONE, Symmetry, folded
 
 #: Intensities of the white acceleration [m^2/s^3], [rad^2/s^3], fitted to tosses in flight and contact.
@@ -32,6 +34,9 @@ ACCELERATION, ANGULAR_ACCELERATION = 3.0, 600.0
 KNOWN_VELOCITY, KNOWN_SPIN = 0.5, 8.0
 #: Standard deviations of unknown velocities [m/s], [rad/s].
 UNKNOWN_VELOCITY, UNKNOWN_SPIN = 2.0, 15.0
+#: Standard deviations of a pose before its first measurement [m], [rad]; the last is of the rotation if only
+#: a position is measured.
+_UNKNOWN_POSITION, _UNKNOWN_ROTATION, _KEPT_ROTATION = 1e3, 1.0, 0.3
 #: Evidence (logarithm of a ratio of densities) at which a body counts as carried, and as free again.
 CARRIED_AT, FREE_AT = 25.0, 30.0
 #: Least logarithm of a density of six dimensions, so that no single measurement decides.
@@ -77,7 +82,7 @@ class Filter(NamedTuple):
         rows = len(seen.noise)
         y, H, _ = expectation(self.mean, reference, seen.kind, seen.value, seen.point, 0.0, rows)
         change, P, square, density = kalman_update(self.covariance, H, y, seen.noise)
-        if not square <= hard * rows / 6.0:
+        if not square <= of_dimensions(hard, rows):
             return self, Innovation(square, density, False)
         mean = np.empty(13)
         boxplus(self.mean, change, mean)
@@ -184,7 +189,7 @@ class Track(NamedTuple):
 
     def _weighed(self, physics, alone, rows):
         """Return the track with its evidence changed by two logarithms of densities."""
-        floor = _FLOOR * rows / 6.0
+        floor = of_dimensions(_FLOOR, rows)
         gained = max(alone, floor) - max(physics, floor)
         if self.mode is TrackMode.CARRIED:
             gained = -gained
@@ -224,13 +229,13 @@ def new_track(free: Filter, symmetry: Symmetry) -> Track:
 
 def _begun(free, time, observation, reference):
     """Return a filter that starts with one measurement; a position does not change the rotation."""
-    mean, P = free.mean.copy(), np.zeros((12, 12))
+    mean, P = free.mean.copy(), np.zeros((ERROR, ERROR))
     mean[VELOCITY] = mean[ANGULAR_VELOCITY] = 0.0
     P[ERR_VELOCITY, ERR_VELOCITY] = UNKNOWN_VELOCITY**2 * np.eye(3)
     P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY] = UNKNOWN_SPIN**2 * np.eye(3)
-    far = np.zeros(12)
-    far[:3], far[6:9] = 1e3, 0.3 if observation.kind == POSITION_ONLY else 1.0
+    P[ERR_POSITION, ERR_POSITION] = _UNKNOWN_POSITION**2 * np.eye(3)
+    rotation = _UNKNOWN_ROTATION if observation.has_rotation else _KEPT_ROTATION
+    P[ERR_ROTATION, ERR_ROTATION] = rotation**2 * np.eye(3)
     if observation.kind == POSE:
         mean[POSITION], mean[QUATERNION] = observation.value[:3], observation.value[3:]
-    P = P + np.diag(far**2)
     return Filter(mean, P, time).corrected(observation, reference, np.inf)[0]

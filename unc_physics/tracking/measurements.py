@@ -43,6 +43,11 @@ class Observation(NamedTuple):
     point: np.ndarray
     noise: np.ndarray
 
+    @property
+    def has_rotation(self) -> bool:
+        """Whether a rotation was measured, too."""
+        return self.kind != POSITION
+
 
 @dataclass(frozen=True, eq=False)
 class PoseMeasurement:

@@ -151,9 +151,9 @@ def disturb_contacts(
     states[:, moving, ANGULAR_VELOCITY] = omega + spin
     shift, turn = 0.5 * h * kick, 0.5 * h * spin
     if resting.any() and weight > 0.0:
-        up = world.gravity / np.linalg.norm(world.gravity)
-        across = draws[..., :3] - (draws[..., :3] @ up)[..., None] * up
-        about = (draws[..., 3:] @ up)[..., None] * up
+        down = world.gravity / np.linalg.norm(world.gravity)
+        across = draws[..., :3] - (draws[..., :3] @ down)[..., None] * down
+        about = (draws[..., 3:] @ down)[..., None] * down
         root = np.sqrt(h)
         shift = np.where(resting[..., None], noise.drift * root * across, shift)
         turn = np.where(resting[..., None], noise.turn * root * about, turn)

@@ -14,11 +14,11 @@ from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import array, instance, numbers, quaternion
 from ..scene.scene import Scene
-from ..spatial.layout import QUATERNION
+from ..spatial.layout import ERR_ROTATION, ERROR, QUATERNION
 from ..spatial.moments import mean_and_errors
 from ..spatial.rotation import rotation_matrix
 from .measurements import Observation
-from .observation import POSITION, RELATIVE_POSE
+from .observation import RELATIVE_POSE
 
 #: Standard deviation of a measured angle about an axis of symmetry, which is unknown [rad].
 _UNSEEN = 10.0
@@ -118,8 +118,8 @@ class Symmetry(NamedTuple):
         """Return a covariance (12, 12) without variance of the meaningless angle about the axis."""
         if self.axis is None:
             return covariance
-        across = np.eye(12)
-        across[6:9, 6:9] -= np.outer(self.axis, self.axis)
+        across = np.eye(ERROR)
+        across[ERR_ROTATION, ERR_ROTATION] -= np.outer(self.axis, self.axis)
         return across @ covariance @ across
 
     def seen_spin(self, quaternion_: np.ndarray) -> np.ndarray:
@@ -171,7 +171,7 @@ def folded(
     symmetry: Symmetry, observation: Observation, body: np.ndarray, reference: np.ndarray
 ) -> Observation:
     """Return the equivalent observation nearest to the expected states (13,) of a body and its reference."""
-    if symmetry is NONE or observation.kind == POSITION:
+    if symmetry is NONE or not observation.has_rotation:
         return observation
     expected = body[QUATERNION]
     if observation.kind == RELATIVE_POSE:

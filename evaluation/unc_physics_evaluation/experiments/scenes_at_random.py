@@ -10,7 +10,7 @@ from unc_physics import make_propagator, predict
 from unc_physics.checks.errors import DivergedError, NotSupportedError
 from unc_physics.prediction.body_status import BodyStatus
 from unc_physics.prediction.diagnostics import RULES, raised
-from unc_physics.prediction.probability import CONFIDENCE
+from unc_physics.prediction.probability import NORMAL_QUANTILE
 from unc_physics.prediction.status import assess
 from unc_physics.propagators.auto import Auto
 from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION
@@ -150,7 +150,7 @@ def holds(measures: Mapping[str, float], found: Moments, true: Moments) -> bool:
         return False
     factor, _ = distance(found, true)
     _, mean_error = distance(true, found)  # over the predicted standard deviation
-    of_spread, of_mean = (CONFIDENCE * measures[name] for name in ("spread_error", "mean_error"))
+    of_spread, of_mean = (NORMAL_QUANTILE * measures[name] for name in ("spread_error", "mean_error"))
     return mean_error <= of_mean and abs(np.log(factor)) <= np.log1p(of_spread)
 
 
