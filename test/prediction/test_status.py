@@ -103,6 +103,21 @@ def test_points_whose_mean_lies_inside_something_are_not_fine():
     assert status.flags & Status.MEAN_NOT_POSSIBLE
 
 
+@pytest.mark.parametrize("inside_first", [True, False])
+def test_a_mean_is_compared_with_states_from_all_over(inside_first):
+    """It is not inside the wall, if half of many states are as deep."""
+    wall = Box((0.02, 1.0, 1.0), (0.0, 0.0, -0.5), name="wall")
+    scene = Scene.everyday([RigidBody("a", BALL, 1.0)], exact=True, environment=[wall], restitution=0.0)
+    belief = independent(state((0, 0, 0.055)), position=(0.02, 0, 0))
+    prediction = predict(scene, belief, "sigma_points", 0.5)
+    evidence = Evidence.of(prediction, initial_diagnostics(prediction), prediction.at())
+    inside = np.tile(prediction.belief.mean, (64, 1, 1))
+    beside = inside + np.eye(13)[0]
+    states = np.concatenate([inside, beside] if inside_first else [beside, inside])
+    found = RULES["mean_penetration"].compute(replace(evidence, states=states))
+    assert found is not None and found[0] == 0.0
+
+
 def test_the_sampling_error_of_a_mean_pose_is_no_penetration():
     """That of N independent samples of one coordinate: its standard deviation over the root of N."""
     scene = Scene.everyday([RigidBody("a", BALL, 1.0)], environment=[Plane()], gravity=(0, 0, 0))

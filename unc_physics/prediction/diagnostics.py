@@ -619,7 +619,7 @@ def mean_penetration(evidence):
     kept = start.overlap if start.found is None else np.maximum(start.overlap, start.found.kept.max(axis=0))
     scale, depth = _depth_scales(evidence), depths[0] - kept
     if (depth > scale).any() and evidence.states is not None:
-        own, _ = overlaps(scene, np.ascontiguousarray(evidence.states[:_LOOKED_AT]))
+        own, _ = overlaps(scene, evidence.states[_looked_at(evidence.states)])
         depth = depth - np.quantile(own, _USUAL, axis=0)
     return np.maximum(depth, 0.0) / scale
 
@@ -632,6 +632,15 @@ def mean_pose_error(evidence):
     if not isinstance(evidence.propagator, Samples) or evidence.scene.integrator == "explicit":
         return None
     return mean_pose_errors(evidence) / _depth_scales(evidence)
+
+
+def _looked_at(states):
+    """Return the indices of the states whose depths are computed, evenly spaced.
+
+    The first ones of many sigma points lie on one side of the mean.
+    """
+    count = len(states)
+    return np.linspace(0, count - 1, min(count, _LOOKED_AT)).round().astype(int)
 
 
 def _depth_scales(evidence):
@@ -716,8 +725,8 @@ def penetration_share(evidence):
     elif start.found is not None:
         kept = start.found.kept
         kept = kept if len(kept) == len(states) else kept.max(axis=0)
-    some = slice(None, None, math.ceil(len(states) / _LOOKED_AT))
-    depths, _ = overlaps(scene, np.ascontiguousarray(states[some]), among_moving=False)
+    some = _looked_at(states)
+    depths, _ = overlaps(scene, states[some], among_moving=False)
     limit = _PENETRATION * start.shapes[:, 3]
     if scene.integrator == "explicit":  # where spheres are springs: deeper than one can push back
         limit = np.maximum(limit, start.shapes[:, 2])
