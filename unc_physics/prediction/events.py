@@ -174,7 +174,10 @@ class BodyEvent(Event):
 
     @abstractmethod
     def distances(self, outcomes: RolloutOutcomes) -> np.ndarray:
-        """Return distances of the states from the event's border (N,), positive where it happens."""
+        """Return distances of the states from the event's border (N,), positive where it happens.
+
+        An event without a distance returns 1 and -1; its `scaled_distances` are None.
+        """
 
     def check(self, scene, field):
         _index(
