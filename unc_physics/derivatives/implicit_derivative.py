@@ -13,8 +13,8 @@ state:
                gap without contacts, tau the damping time and r the part of s* that comes from rolling
     impact:    ds' = (s' / s) ds, a constraint; 0 without rebound
     sticking:  the slip of u' stays zero, a constraint
-    sliding:   f_t = -mu lambda_n t, t the direction of slip, which turns with it; in an impact, mu depends
-               on s (`friction.weaken_with_speed`)
+    sliding:   f_t = -limit t, limit = mu lambda_n (`friction.slip_limit`), t the direction of slip, which
+               turns with it; in an impact, mu depends on s (`friction.weaken_with_speed`)
 
 The geometry also changes (``contact_change``): normals and lever arms in u and f, and the inertia that
 rotates with the body. If f acts in the middle of the interval (``middle_arms``), its lever arm differs from
@@ -56,7 +56,7 @@ from ..collision.implicit_workspace import (
     START_QUATERNION,
 )
 from ..compiler import inner
-from ..dynamics.friction import friction_per_normal_speed, slip_derivative
+from ..dynamics.friction import slip_derivative, slip_limit_per_speed
 from ..dynamics.impact_time import impact_speed
 from ..dynamics.implicit_solver import RECOVERY
 from ..dynamics.middle_arms import (
@@ -421,7 +421,7 @@ def _add_contact(c, size, law, h, threshold, world, work, errors, contacts):
         closing = speed / speed_before if closes else 0.0
         slipperiness = world.implicit.impact_slipperiness
         if slipperiness > 0.0:
-            weakening = own[0] * friction_per_normal_speed(row, speed_before, slipperiness)
+            weakening = slip_limit_per_speed(row, own[0], speed_before, slipperiness)
     # friction
     moves = j < 0 and len(world.environment.actions.surface) > 0
     drift = (0.0, 0.0, 0.0)

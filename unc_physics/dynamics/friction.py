@@ -42,21 +42,27 @@ def weaken_with_speed(slipperiness, work):
         row[FRICTION] /= 1.0 + slipperiness * max(-speed, 0.0)
 
 
+@inner(forceinline=True, fastmath=FAST)
+def slip_limit(row, normal):
+    """Return the largest tangential impulse for a normal impulse ``normal`` [N s]."""
+    return row[FRICTION] * normal
+
+
 @inner(forceinline=True)
-def friction_per_normal_speed(row, speed, slipperiness):
-    """Return the derivative of an impact's friction with respect to the contact's normal speed [s/m].
+def slip_limit_per_impulse(row, normal):
+    """Return the derivative of `slip_limit` with respect to the normal impulse."""
+    return row[FRICTION]
+
+
+@inner(forceinline=True)
+def slip_limit_per_speed(row, normal, speed, slipperiness):
+    """Return the derivative of an impact's `slip_limit` with respect to the contact's normal speed [kg].
 
     ``row`` has the friction of this normal ``speed`` [m/s], which is negative for a closing contact.
     """
     if speed >= 0.0:
         return 0.0
-    return row[FRICTION] * slipperiness / (1.0 - slipperiness * speed)
-
-
-@inner(forceinline=True, fastmath=FAST)
-def slip_limit(row, normal):
-    """Return the largest tangential impulse for a normal impulse ``normal`` [N s]."""
-    return row[FRICTION] * normal
+    return normal * (row[FRICTION] * slipperiness / (1.0 - slipperiness * speed))
 
 
 @inner(forceinline=True, fastmath=FAST)
@@ -122,12 +128,14 @@ def slip_derivative(row, normal, f_t, u_t, n, yielding):
     hold : float
         Impulse per slip velocity, across ``along`` [N s s/m].
     """
-    mu, limit = row[FRICTION], row[FRICTION] * normal
+    limit = slip_limit(row, normal)
+    has_friction = row[FRICTION] > 0.0
     size_t = math.sqrt(dot(f_t, f_t))
-    if mu > 0.0 and size_t >= _AT_LIMIT * limit and dot(u_t, u_t) > _NO_SLIP * _NO_SLIP:
+    if has_friction and size_t >= _AT_LIMIT * limit and dot(u_t, u_t) > _NO_SLIP * _NO_SLIP:
         along = times(-1.0 / size_t, f_t)
-        return True, minus(n, times(mu, along)), along, limit / math.sqrt(dot(u_t, u_t))
-    return False, n, (0.0, 0.0, 0.0), 1.0 / yielding if mu > 0.0 else 0.0
+        pushed = minus(n, times(slip_limit_per_impulse(row, normal), along))
+        return True, pushed, along, limit / math.sqrt(dot(u_t, u_t))
+    return False, n, (0.0, 0.0, 0.0), 1.0 / yielding if has_friction else 0.0
 
 
 @inner(forceinline=True)
