@@ -92,9 +92,7 @@ def progress_display(name: str, unit: str, work: str) -> Iterator[Callable[[int,
             yield show
             return
     over = threading.Event()
-    thread = threading.Thread(
-        target=_note_until, args=(over, f"{name}: still at work on {work}"), daemon=True
-    )
+    thread = threading.Thread(target=_note_until, args=(over, name, work), daemon=True)
     thread.start()
     try:
         yield None
@@ -103,11 +101,17 @@ def progress_display(name: str, unit: str, work: str) -> Iterator[Callable[[int,
         thread.join()
 
 
-def _note_until(over, what):
+def _note_until(over, name, work):
     """Print notes on standard error until the work is over."""
     started, pause = time.monotonic(), NOTE_AFTER
     while not over.wait(pause):
+        from ..compiler.compile_time import is_compiling  # slow to import
+
         pause = time.monotonic() - started
-        note(
-            f"{what} after {pause:.0f} s; --time-limit or Ctrl-C ends it, a shorter --horizon is done sooner"
+        doing, remedy = (
+            f"at work on {work}",
+            "--time-limit or Ctrl-C ends it, a shorter --horizon takes less time",
         )
+        if is_compiling():
+            doing, remedy = "compiling kernels", "Ctrl-C ends it"
+        note(f"{name}: still {doing} after {pause:.0f} s; {remedy}")

@@ -39,21 +39,23 @@ class _Clock(event.Listener):
 
 
 class _Notice(event.Listener):
-    """Listener that logs the first compilation of a kernel.
+    """Listener that logs the first compilation of a kernel, and counts those that run.
 
     It is a warning, so that users without logging set up also see why the first prediction is slow.
     """
 
     said = False
+    running = 0  # nested ones, too; numba holds its compiler lock while one begins or ends
 
     def on_start(self, event):
+        self.running += 1
         if not self.said and event.data["dispatcher"].py_func.__module__.partition(".")[0] == _PACKAGE:
             self.said = True
             log = logging.getLogger(_PACKAGE)
             log.warning("Compiling the simulation's kernels for this machine (%s) ...", _HOW_OFTEN)
 
     def on_end(self, event):
-        pass
+        self.running -= 1
 
 
 class CompiledKernels(event.Listener):
@@ -79,6 +81,11 @@ def seconds_compiling():
     return _spent.seconds
 
 
+def is_compiling() -> bool:
+    """Return whether any thread of this process compiles a kernel."""
+    return _notice.running > 0
+
+
 def count_compiling(seconds):
     """Add the compilation time of other threads while this thread waited for them [s]."""
     _spent.seconds += seconds
@@ -90,4 +97,5 @@ def clock():
 
 
 event.register("numba:compiler_lock", _Clock())
-event.register("numba:compile", _Notice())
+_notice = _Notice()
+event.register("numba:compile", _notice)
