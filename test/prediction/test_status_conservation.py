@@ -207,7 +207,7 @@ def test_elastic_bodies_that_are_slower_than_they_should_be_are_flagged(name):
         (status,) = assess(with_states(prediction, slower(factor)))
         assert status.measures["energy_loss"] == pytest.approx(1.0 - factor**2, abs=2e-3)
         assert says(status, "energy_loss") == flagged
-        assert not flagged or "energy was lost in contacts that keep it; a smaller dt" in status.message
+        assert not flagged or "energy was lost in contacts that conserve it; a smaller dt" in status.message
 
 
 def test_energy_that_bodies_give_each_other_is_not_lost():

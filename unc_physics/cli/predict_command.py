@@ -156,7 +156,7 @@ def _propagator(arguments):
         arguments.propagator, _options(arguments.option), arguments.samples, arguments.seed
     )
     if arguments.samples is not None and "samples" not in PROPAGATORS[propagator.name].options():
-        draws = names_where(lambda other: "samples" in other.options(), " or ")
+        draws = names_where(lambda other: "samples" in other.options(), "or")
         raise InvalidOptionError(
             f"is for a propagator that draws samples, {draws}; {propagator.name} draws none",
             field="--samples",

@@ -31,9 +31,9 @@ from .evidence import Evidence, kinetic_moments, spread_floors
 from .notes import few_spheres
 from .rare_outcomes import MATTER
 
-_SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), " or ")
-_ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", " or ")
-_DRAWING = names_where(lambda propagator: propagator.supports.impact_errors, " and ")
+_SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), "or")
+_ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", "or")
+_DRAWING = names_where(lambda propagator: propagator.supports.impact_errors, "or")
 _FAR = 5.0  # standard deviations beyond which samples of a correct belief are not expected
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
@@ -148,8 +148,9 @@ def _spreads_apart(evidence, body):
     assert factors is not None  # the rule had a value
     k = int(np.argmax(factors[body]))
     unit, floor = _UNITS[k], spread_floors(evidence.start, body)[k]
-    less = f" (less than {floor:.3g} {unit} counts as this much)" if min(own[k], other[k]) < floor else ""
-    return f"{_QUANTITIES[k]} by {own[k]:.3g} {unit} here and by {other[k]:.3g} {unit} there{less}"
+    less = f" (less than {floor:.3g} {unit} counts as {floor:.3g} {unit})"
+    less = less if min(own[k], other[k]) < floor else ""
+    return f"{_QUANTITIES[k]} {own[k]:.3g} {unit} predicted, {other[k]:.3g} {unit} in rollouts{less}"
 
 
 def _uneven_quantity(evidence, body):
@@ -208,7 +209,7 @@ def _mean_depth(evidence, body):
 @_measure(
     Status.INITIAL_OVERLAP,
     0.02,
-    "overlaps another body or the environment at the start; give poses without overlap, or take the implicit"
+    "overlaps another body or the environment at the start; give poses without overlap, or use the implicit"
     " integrator with 'overlap: project'",
 )
 def initial_overlap(evidence):
@@ -262,7 +263,7 @@ def overlap_certain(evidence):
 @_measure(
     Status.INITIAL_OVERLAP,
     0.01,
-    "some of the belief was moved by more than 5 standard deviations, to where it does not overlap or stands;"
+    "some samples or points were moved by more than 5 standard deviations, to remove overlap or to rest;"
     " check its pose, or give it a larger covariance",
 )
 def overlap_moved(evidence):
@@ -281,8 +282,7 @@ def overlap_moved(evidence):
 @_measure(
     Status.INITIAL_OVERLAP,
     math.radians(15.0),
-    "is said to be at rest, and tilted far until something held it; check its orientation, and what is below"
-    " it",
+    "is set at_rest, and tilted far until something held it; check its orientation, and what is below it",
     unit="rad",
 )
 def settled_tilt(evidence):
@@ -296,7 +296,7 @@ def settled_tilt(evidence):
 @_measure(
     Status.INITIAL_OVERLAP,
     0.05,
-    "is said to be at rest, and nothing holds it; put something below it, or take at_rest away",
+    "is set at_rest, and nothing holds it; put something below it, or remove at_rest",
 )
 def unsettled(evidence):
     """Share of the samples or points in which a body at rest did not come to rest."""
@@ -337,7 +337,7 @@ def rotation_std(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     1.0,
-    f"its points begin beyond half a turn, where rotations repeat; {_SAMPLED} helps",
+    f"its sigma points begin more than half a turn from the mean, where rotations repeat; take {_SAMPLED}",
 )
 def point_turn(evidence):
     """Angle by which the farthest sigma points turn a body at the start, over half a turn."""
@@ -355,7 +355,7 @@ def point_turn(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     2.0,
-    f"rollouts spread differently, {{detail}}; {_SAMPLED} helps",
+    f"its predicted spread differs from that of rollouts: {{detail}}; take {_SAMPLED}",
     detail=_spreads_apart,
 )
 def spread_disagreement(evidence):
@@ -369,13 +369,14 @@ def spread_disagreement(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     1.75,
-    "contacts may open, close or coincide otherwise within a standard deviation, and rollouts spread"
-    f" differently, {{detail}}; {_ESTIMATED} helps",
+    "contacts may differ within a standard deviation, and its predicted spread differs from that of"
+    f" rollouts: {{detail}}; take {_ESTIMATED}",
     detail=_spreads_apart,
 )
 def doubtful_contacts(evidence):
-    """The same factor, for a body whose contacts, or their order in an impact, may differ within one standard
-    deviation. A smaller factor raises the flag there.
+    """Factor between the predicted spread and that of a few rollouts, of position or rotation, whichever is
+    larger. For bodies whose contacts, or their order in an impact, may differ within one standard deviation;
+    1 for others. Its limit is lower than that of ``spread_disagreement``.
     """
     factors = evidence.spread_factors
     if factors is None or evidence.uncertain_since is None:
@@ -441,8 +442,8 @@ def sink(evidence):
 
 @_measure(Status.OUTSIDE_VALIDITY, 0.3, "too few samples for a spread")
 def few_samples(evidence):
-    """Relative uncertainty of a spread that comes from the number of samples; 1 for a single sample. Not if
-    only one outcome is possible.
+    """Relative uncertainty of a spread that comes from the number of samples; 1 for a single sample. No value
+    if only one outcome is possible.
     """
     if not isinstance(evidence.propagator, Samples) or evidence.start.deterministic:
         return None
@@ -474,8 +475,8 @@ def mean_error(evidence):
 
 @_measure(Status.OUTSIDE_VALIDITY, 0.25, "its spread rests on too few rollouts; more of them help")
 def spread_error(evidence):
-    """Standard error of the standard deviation of position or rotation, over it, whichever is larger. For
-    propagators with a response surface.
+    """Standard error of the standard deviation of position or rotation, over that standard deviation,
+    whichever is larger. For propagators with a response surface.
     """
     return evidence.own_measures.get("spread_error")
 
@@ -490,8 +491,8 @@ def spread_error(evidence):
 def rare_outcomes(evidence):
     """Factor by which outcomes widen the standard deviation of position or rotation that a few rollouts do
     not reach, whichever is larger. They are looked for in as many rollouts of a belief that is twice as wide,
-    more than eight standard deviations from the mean. Their probability is that of a threshold along one
-    uncertain direction, as far out as their share says.
+    more than eight standard deviations from the mean. Their probability is computed as if they began at a
+    threshold along one uncertain direction, whose distance follows from their share.
     """
     return None if evidence.widening is None else evidence.widening.max(axis=1)
 
@@ -519,7 +520,7 @@ def unchecked(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     0.0,
-    f"its spread after a contact is without {{detail}}; {_DRAWING} carry them",
+    f"its spread after a contact leaves out {{detail}}; take {_DRAWING}",
     detail=lambda evidence, body: ", ".join(evidence.left_out),
     in_contact=True,
     unless_compared=True,
@@ -534,7 +535,7 @@ def left_out(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     30.0,
-    f"too many uncertain directions for as few points; islands or {_SAMPLED} helps",
+    f"too many uncertain directions for sigma points; set islands: true, or take {_SAMPLED}",
     in_contact=True,
     unless_compared=True,
 )
@@ -557,7 +558,7 @@ def directions(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     2.5,
-    f"opposite points do not move oppositely in {{detail}}; {_SAMPLED} helps",
+    f"opposite sigma points do not move oppositely in {{detail}}; take {_SAMPLED}",
     detail=_uneven_quantity,
     in_contact=True,
     unless_compared=True,
@@ -626,8 +627,8 @@ def mean_penetration(evidence):
 
 @_measure(Status.MEAN_NOT_POSSIBLE, math.inf, "the mean pose rests on too few rollouts", in_contact=True)
 def mean_pose_error(evidence):
-    """Standard error of the mean pose, over the same standard deviation as ``mean_penetration``. It raises no
-    flag.
+    """Standard error of the mean pose, over the largest standard deviation of the position along any axis,
+    limited to 0.2 to 2 mm as in ``mean_penetration``. It raises no flag.
     """
     if not isinstance(evidence.propagator, Samples) or evidence.scene.integrator == "explicit":
         return None
@@ -736,7 +737,7 @@ def penetration_share(evidence):
 @_measure(
     Status.NOT_CONVERGED,
     0.02,
-    "energy was lost in contacts that keep it; a smaller dt, now {dt:.3g} s, helps",
+    "energy was lost in contacts that conserve it; a smaller dt, now {dt:.3g} s, helps",
     in_contact=True,
 )
 def energy_loss(evidence):

@@ -37,9 +37,10 @@ def _load() -> dict[str, type[Propagator]]:
 PROPAGATORS: dict[str, type[Propagator]] = _load()
 
 
-def names_where(holds: Callable[[Propagator], bool], between: str = " and ") -> str:
-    """Return the names, in one text, of the propagators whose default instance satisfies a condition."""
-    return between.join(name for name, cls in PROPAGATORS.items() if holds(cls()))
+def names_where(holds: Callable[[Propagator], bool], conjunction: str = "and") -> str:
+    """Return the names of the propagators whose default instance satisfies a condition, as ``a, b and c``."""
+    *most, last = [name for name, cls in PROPAGATORS.items() if holds(cls())]
+    return f"{', '.join(most)} {conjunction} {last}" if most else last
 
 
 def make_propagator(name: str, **options: Any) -> Propagator:
