@@ -38,7 +38,7 @@ TOPICS = {
     "scene": (
         "Python: scenes",
         "Bodies, their surroundings and the physics between them.",
-        """Scene RigidBody Plane Box Sphere Cylinder Capsule Element PosePath Wrench load_scene LoadedScene
+        """Scene RigidBody Element PosePath Wrench load_scene LoadedScene
         load_world WorldDescription PRESETS physics_of auto_stiffness with_stiffness""",
     ),
     "beliefs": (
@@ -117,7 +117,7 @@ def pages() -> Iterator[tuple[str, str]]:
         yield f"{name}_keys", schema_page(name, title, summary)
     yield "command_line", command_line_page()
     for name, (title, summary, members) in TOPICS.items():
-        yield f"python_{name}", python_page(name, title, summary, members.split())
+        yield f"python_{name}", python_page(name, title, summary, _names(name, members))
     yield "messages", interface_page("Messages", "msg")
     yield "services", interface_page("Services and the action", "srv", "action")
     yield "parameters", parameters_page()
@@ -337,7 +337,16 @@ def undocumented_names() -> set[str]:
     """Return the public names that no topic lists."""
     import unc_physics
 
-    return set(unc_physics.__all__) - {name for _, _, members in TOPICS.values() for name in members.split()}
+    listed = (_names(topic, members) for topic, (_, _, members) in TOPICS.items())
+    return set(unc_physics.__all__).difference(*listed)
+
+
+def _names(topic, members):
+    """Return the public names of a topic; that of scenes has the shapes of the environment, too."""
+    from unc_physics.scene.environment import ELEMENTS
+
+    shapes = [kind.__name__ for kind in ELEMENTS.values()] if topic == "scene" else []
+    return members.split() + shapes
 
 
 # -- ROS ---------------------------------------------------------------------------------------------

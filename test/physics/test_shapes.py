@@ -1,6 +1,7 @@
 """Shapes of the environment: distance, normal and bounds of each, and what bodies feel of them."""
 
 import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -182,11 +183,10 @@ def placed(name, rotation, position):
     if name == "plane":
         normal = rotation.apply([0.0, 0.0, 1.0])
         return Plane(normal, normal @ position)
-    if name == "sphere":
-        return Sphere(element.radius, position)
-    if name == "box":
-        return Box(element.size, position, rotation.as_quat())
-    return type(element)(element.radius, element.length, position, rotation.as_quat())
+    pose = {"position": position, "orientation": rotation.as_quat(), "surface_center": None}
+    return replace(
+        element, **{field.name: pose[field.name] for field in fields(element) if field.name in pose}
+    )
 
 
 def thrown(element, position, velocity, time, dt=1e-3):

@@ -86,7 +86,7 @@ class Scene:
         World frame [m/s^2]; by default zero. Scenes with an environment, friction or bodies at rest must set
         it.
     environment : tuple of Element
-        Fixed surroundings: planes, boxes, spheres, cylinders and capsules.
+        Fixed surroundings, of the shapes in `environment.ELEMENTS`.
     friction : float, optional
         Coefficient of Coulomb friction of all bodies and elements without their own; None means no friction.
         Needs the implicit integrator.
