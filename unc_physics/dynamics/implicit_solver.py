@@ -2,15 +2,15 @@
 
 Lasting contact over an interval h (`solve_lasting`) has two terms. The first is the paper's penalty force to
 leading order in depth (`contact_model.shallow_volume`), at the depth at the interval's end. The second is the
-damping time tau times the closing speed::
+damping time tau times the closing speed, without the normal speed r that comes from rolling::
 
-    lambda_n = h kappa pi R d^2,   d = max(0, -g - h (v_n + v_n') / 2 - tau v_n')
+    lambda_n = h kappa pi R d^2,   d = max(0, -g - h (v_n' - v_n*) / 2 - tau (v_n' - r))
     |lambda_t| <= mu lambda_n, opposite to slip; no slip inside
     M (v' - v*) = J^T lambda
 
-Here v is the velocity at the start, v' at the end, and v* at the end without contacts. Bodies move by the
-mean of v and v', which makes the depth consistent with the end pose. Sliding dissipates the work of friction,
-and contacts never add energy.
+Here v* and v' are the velocities at the end without and with contacts, and g is the gap at the end without
+contacts. Bodies move by the mean of old and new velocity, so d is the depth at the end pose. Sliding
+dissipates the work of friction, and contacts never add energy.
 
 Impact (`solve_impact`): impulses with ``v_n' = -e v_n`` for closing contacts, within Coulomb's cone.
 
