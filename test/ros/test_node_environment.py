@@ -268,10 +268,10 @@ def test_elements_of_the_planning_scene_join_those_of_users():
     environment.set_planned([table(0.7, name="shelf"), EnvironmentElement(id="can", mesh=Mesh())])
     assert [element.id for element in environment.message.elements] == ["table", "shelf", "can"]
     assert environment.message.elements[1].plane.coef[3] == -0.7
-    scene = environment.complete(Scene(objects=[ObjectState(id="can")]))
-    assert [element.id for element in scene.environment.elements] == ["table", "shelf"]
+    around = environment.around(Scene(objects=[ObjectState(id="can")]))
+    assert [element.id for element in around.elements] == ["table", "shelf"]
     own = Scene(environment=Environment(elements=[table(name="own")]))
-    assert environment.complete(own) is own
+    assert environment.around(own) == own.environment
 
 
 def detected(name, x=0.0, z=0.0, std=STD, model="can"):

@@ -90,22 +90,16 @@ class NodeEnvironment:
         pairs = zip(elements, element_names(elements), strict=True)
         self.set(write_element(element, name, f"environment[{k}]") for k, (element, name) in enumerate(pairs))
 
-    def complete(self, scene: Scene) -> Scene:
-        """Return a scene of the world frame, with the node's environment if it has no elements of its own.
+    def around(self, scene: Scene) -> Environment:
+        """Return the environment of a scene of the world frame: the node's if it has no elements of its own.
 
         Elements with the id of an object are left out: a planning scene often has the objects, too.
         """
         if len(scene.environment.elements) or scene.environment.complete or not self.is_set:
-            return scene
+            return scene.environment
         objects = {own.id for own in scene.objects}
-        kept = [element for element in self.message.elements if _object_of(element) not in objects]
-        return Scene(
-            header=scene.header,
-            objects=scene.objects,
-            environment=Environment(elements=kept),
-            common_pose_std=scene.common_pose_std,
-            common_pose_origin=scene.common_pose_origin,
-            joint_covariance=scene.joint_covariance,
+        return Environment(
+            elements=[element for element in self.message.elements if _object_of(element) not in objects]
         )
 
 

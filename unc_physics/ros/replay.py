@@ -158,7 +158,7 @@ def replay(
             after = sorted(times[near] - times[k] for near in later)
             request = request_of(scene, settings)
             request.wait_for_compilation = True
-            job = read_request(request, settings, library, Frames(), complete=environment.complete)
+            job = read_request(request, settings, library, Frames(), environment_of=environment.around)
             job = replace(job, times=after[:-1], horizon=after[-1])
             answer = Prediction()
             write_answer(answer, scene.header, settings, job, job.run())

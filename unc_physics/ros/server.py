@@ -193,7 +193,7 @@ class PredictionServer:
             self.frames,
             limits=limits,
             fields=fields,
-            complete=self.environment.complete,
+            environment_of=self.environment.around,
         )
 
     def predict(self, job: Job, progress=None) -> Prediction:

@@ -540,7 +540,7 @@ class Tracks:
 
     def _read(self, states, settings, skipped):
         """Return objects with the node's environment around them; None if none is valid."""
-        message = self._environment.complete(SceneMessage(objects=states))
+        message = SceneMessage(objects=states)
         try:
             read = read_scene(
                 message,
@@ -548,6 +548,7 @@ class Tracks:
                 settings.physics,
                 settings.covariance_defaults,
                 _limits(settings),
+                environment=self._environment.around(message),
                 skip_invalid_objects=True,
             )
         except AllSkippedError as error:
@@ -573,7 +574,7 @@ class Tracks:
             Takes the belief of the states and the names of the moving bodies; returns another belief.
         """
         message = SceneMessage(objects=states)
-        self._surroundings = self._environment.version, self._environment.complete(message).environment
+        self._surroundings = self._environment.version, self._environment.around(message)
         read = self._read(states, settings, skipped)
         if read is None:
             return []
@@ -630,7 +631,7 @@ class Tracks:
         if self._tracker is None or self._surroundings[0] == self._environment.version:
             return
         message = SceneMessage(objects=list(self._states.values()))
-        environment = self._environment.complete(message).environment
+        environment = self._environment.around(message)
         if environment == self._surroundings[1]:
             self._surroundings = self._environment.version, environment
         else:

@@ -101,7 +101,7 @@ class ViewNode(Node):
                 settings,
                 self.library,
                 self.frames,
-                complete=self.environment.complete,
+                environment_of=self.environment.around,
             )
             with self._opening:
                 if self.page is None:

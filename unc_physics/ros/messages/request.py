@@ -13,7 +13,7 @@ from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Quaternion, Vector3
 
-from unc_physics_msgs.msg import ModelInfo, PredictionRequest
+from unc_physics_msgs.msg import Environment, ModelInfo, PredictionRequest
 from unc_physics_msgs.msg import Scene as SceneMessage
 
 from ...checks.errors import (
@@ -194,7 +194,7 @@ def read_request(
     *,
     limits: TimeLimits = UNLIMITED,
     fields: FieldNames | None = None,
-    complete: Callable[[SceneMessage], SceneMessage] = lambda scene: scene,
+    environment_of: Callable[[SceneMessage], Environment] = lambda scene: scene.environment,
 ) -> Job:
     """Read a request and check it.
 
@@ -207,8 +207,8 @@ def read_request(
     limits : TimeLimits, optional
     fields : FieldNames, optional
         Names in error messages; by default ``scene.objects[0]``, ``actions[0]`` and so on.
-    complete : callable
-        Adds the node's environment to a scene of the world frame that has none (`NodeEnvironment.complete`).
+    environment_of : callable
+        Returns the environment of a scene of the world frame (`NodeEnvironment.around`).
 
     Raises
     ------
@@ -221,7 +221,6 @@ def read_request(
         message = transform.scene(message)
         actions = [transform.action(action) for action in actions]
         regions = [transform.region(region) for region in regions]
-    message = complete(message)
     horizon = read_horizon(request.horizon, settings)
     options = _options(request.propagator_options)
     name = _add_targets(options, request)
@@ -239,6 +238,7 @@ def read_request(
         settings.covariance_defaults,
         SceneLimits(settings.max_objects, settings.max_spheres, settings.max_elements),
         actions=actions,
+        environment=environment_of(message),
         fields=fields,
         skip_invalid_objects=request.skip_invalid_objects,
     )

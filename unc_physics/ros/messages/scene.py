@@ -227,6 +227,7 @@ def read_scene(
     limits=UNLIMITED,
     *,
     actions=(),
+    environment=None,
     fields=None,
     skip_invalid_objects=False,
 ) -> ReadScene:
@@ -242,6 +243,8 @@ def read_scene(
     covariance_defaults : CovarianceDefaults
     limits : SceneLimits
     actions : sequence of Action
+    environment : unc_physics_msgs/Environment, optional
+        By default that of the message.
     fields : FieldNames, optional
         By default ``scene.objects[0]``, ``actions[0]`` and so on.
     skip_invalid_objects : bool
@@ -260,7 +263,8 @@ def read_scene(
             f"must be at most {limits.objects} objects", field="scene.objects", value=len(objects)
         )
     wait = not skip_invalid_objects
-    elements, packed = read_environment(message.environment, library.shape_packer, limits.elements, wait)
+    environment = message.environment if environment is None else environment
+    elements, packed = read_environment(environment, library.shape_packer, limits.elements, wait)
     of_objects = fields.objects if fields else [f"scene.objects[{k}]" for k in range(len(objects))]
     ids = {own.id for own in objects}
     grouped = group_actions(actions, ids, fields.actions if fields else None)
@@ -287,7 +291,7 @@ def read_scene(
             skipped[own.id] = str(error)
     if not read:
         raise AllSkippedError(skipped)
-    _check_element_ids(message.environment.elements, taken)
+    _check_element_ids(environment.elements, taken)
     for element in packed:
         place = BodyFields(element.field, ObjectActions(element.name))
         arguments, state, P, zeros = _fixed(element)
