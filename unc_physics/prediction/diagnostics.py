@@ -337,7 +337,7 @@ def rotation_std(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     1.0,
-    f"its sigma points begin more than half a turn from the mean, where rotations repeat; take {_SAMPLED}",
+    f"its points begin more than half a turn from the mean, where rotations repeat; take {_SAMPLED}",
 )
 def point_turn(evidence):
     """Angle by which the farthest sigma points turn a body at the start, over half a turn."""
@@ -535,7 +535,7 @@ def left_out(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     30.0,
-    f"too many uncertain directions for sigma points; set islands: true, or take {_SAMPLED}",
+    f"too many uncertain directions for the method's points; set islands: true, or take {_SAMPLED}",
     in_contact=True,
     unless_compared=True,
 )
@@ -558,7 +558,7 @@ def directions(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     2.5,
-    f"opposite sigma points do not move oppositely in {{detail}}; take {_SAMPLED}",
+    f"opposite points do not move oppositely in {{detail}}; take {_SAMPLED}",
     detail=_uneven_quantity,
     in_contact=True,
     unless_compared=True,
