@@ -41,7 +41,7 @@ def simulated(
     return [prediction.samples(time=time)[:, 0] for time in prediction.times]
 
 
-class Start(Protocol):
+class MotionStart(Protocol):
     """The state that a motion begins with, and its errors; `flight.FlightStart` is one."""
 
     @property
@@ -58,7 +58,7 @@ class Recorded(NamedTuple):
     """A motion as it is scored."""
 
     motion: Motion
-    start: Start
+    start: MotionStart
     times: tuple[float, ...]  # at which predictions are compared with it [s]; the last is its end
     poses: tuple[np.ndarray, ...]  # (7,) each, at these times
 
@@ -67,7 +67,7 @@ def recorded(
     motions: Sequence[Motion],
     scene: Scene,
     times: Sequence[float] = TIMES,
-    starts: Sequence[Start] | None = None,
+    starts: Sequence[MotionStart] | None = None,
 ) -> list[Recorded]:
     """Return motions with their starts, which are by default fitted to the first poses.
 
