@@ -23,6 +23,7 @@ from unc_physics import (
 )
 from unc_physics.collision.hull import hull_spheres, hull_volume
 from unc_physics.geometry.packing import pack_solid
+from unc_physics.geometry.primitive_models import primitive_model
 from unc_physics.geometry.primitives import primitive
 from unc_physics.geometry.solid_mesh import make_solid
 from unc_physics.scene.body import shape_of
@@ -171,6 +172,29 @@ def test_a_box_slides_off_an_edge(name, count, speed, dt, tolerance):
     x = state((-way - friction * low, 0, low), (start, 0, 0))
     x = run(scene, x, time + (start - speed) / (friction * G) + 0.05)[0]
     assert x[11] == pytest.approx(rate, rel=tolerance)
+
+
+@STEPS
+@pytest.mark.parametrize("speed", [0.8, 1.5, 2.0])
+@pytest.mark.parametrize("gap", [1e-3, 0.01, 0.02, 0.04])
+@pytest.mark.parametrize("length", [0.12, 0.3])
+def test_a_box_slides_over_a_gap_between_two_tables(length, gap, speed, dt):
+    """Its centre of mass is over a table at all times, as it is longer than two gaps."""
+    friction, begin = 0.3, -0.5 * length - 0.05
+    tables = [Box((2.0, 0.6, 0.04), (s * (1.0 + 0.5 * gap), 0.0, -0.02)) for s in (-1, 1)]
+    box = RigidBody("box", primitive_model("box", size=(length, 0.08, 0.03)), 0.5)
+    scene = Scene.everyday([box], environment=tables, exact=True, friction=friction, dt=dt)
+    x = run(scene, state((begin, 0.0, 0.015), (speed, 0.0, 0.0)), 1.2)[0]
+    assert x[0] - begin == pytest.approx(speed**2 / (2.0 * friction * G), rel=0.01)
+    assert abs(x[8]) < 1e-3
+
+
+@STEPS
+def test_a_box_stops_at_a_step_of_a_millimetre(dt):
+    step = [Box((2.0, 0.6, 0.04), (-1.0, 0.0, -0.02)), Box((2.0, 0.6, 0.04), (1.0, 0.0, -0.019))]
+    box = RigidBody("box", primitive_model("box", size=(0.12, 0.08, 0.03)), 0.5)
+    scene = Scene.everyday([box], environment=step, exact=True, friction=0.3, restitution=0.0, dt=dt)
+    assert run(scene, state((-0.1, 0.0, 0.015), (1.0, 0.0, 0.0)), 0.5)[0, 0] < -0.05
 
 
 @STEPS

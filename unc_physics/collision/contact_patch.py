@@ -63,7 +63,7 @@ from .element_contacts import in_element, is_covered, write_element_rotation
 from .face_outlines import FACING, element_outlines, pair_outlines, spheres_on_faces
 from .faces import FACES_OF_A_SPHERE, over_face
 from .implicit_workspace import CANDIDATE_GAP, CANDIDATE_SCORE, CONTACTS, OVERFLOW, TOO_MANY_CONTACTS
-from .shapes import bounds, surface
+from .shapes import KINDS, bounds, surface
 
 #: Largest gap of contacts in an impact [m].
 IMPACT_GAP = 2e-4
@@ -76,6 +76,8 @@ _SAME_PATCH = 0.9  # least cosine of the angle between normals of a patch
 _OVER = 0.5  # least cosine of the angle between the normals of two spheres and of a face
 _HOLLOW = 1.5e-4  # largest depth of a face contact below the sphere contact [m]; no contact begins deeper
 _SLIDING = 5e-4  # the same of a solid face that slides on another, to which free motion adds [m]
+_LEVEL = 1e-4  # depth of a resting face at an edge that it passes [m], to which free motion adds
+_BOX = KINDS["box"]
 _HALF = math.sqrt(0.5)
 _IN_PATCH, _CHOSEN = 1, 2  # states of a candidate
 
@@ -135,6 +137,8 @@ def element_candidates(x, i, e, limit, horizon, world, work):
                     return 0
     else:
         several = len(kind) > 1
+        g = world.gravity
+        level = _LEVEL + kept + world.dt * world.dt * math.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
         R_ei = work.R_ij
         write_element_rotation(R, R_e, R_ei)
         t_half, reach = half_way_by(x, i, e, (vx, vy, vz), horizon, world, R_ei)
@@ -161,10 +165,15 @@ def element_candidates(x, i, e, limit, horizon, world, work):
             predicted = gap + horizon * (bx * mx + by * my + bz * mz)
             if min(gap, predicted) < limit:
                 # the normal of a face is along an axis
-                if several and max(abs(nx), abs(ny), abs(nz)) < 1.0:
-                    qx, qy, qz = rotate(R, cx, cy, cz)
-                    center = (x[i, P] + qx, x[i, P + 1] + qy, x[i, P + 2] + qz)
-                    if is_covered(world.environment, e, center, (nx, ny, nz), distance):
+                if max(abs(nx), abs(ny), abs(nz)) < 1.0:
+                    if several:
+                        qx, qy, qz = rotate(R, cx, cy, cz)
+                        center = (x[i, P] + qx, x[i, P + 1] + qy, x[i, P + 2] + qz)
+                        if is_covered(world.environment, e, center, (nx, ny, nz), distance):
+                            continue
+                    place = (px + t[0], py + t[1], pz + t[2])
+                    way = (horizon * mx, horizon * my, horizon * mz)
+                    if _passes_edge(s, e, (nx, ny, nz), place, way, level, R_ei, world):
                         continue
                 count = keep_candidate(count, (bx, by, bz), (cx, cy, cz), r, gap, predicted, s, 0, work)
                 if count == 0:
@@ -172,6 +181,46 @@ def element_candidates(x, i, e, limit, horizon, world, work):
         motion = (ux, uy, uz), (wx, wy, wz), (0.0, 0.0, 0.0)
         count = element_outlines(x, i, e, count, limit, horizon, motion, kept, world, work)
     return count
+
+
+@inner(noinline=True)
+def _passes_edge(s, e, n, center, way, level, R_ei, world):
+    """Return whether sphere ``s`` passes an edge of box e, as its solid face is not below the box's side.
+
+    The sphere is beside the side. Its round surface touches the edge at a slant, but its face, which is
+    nearly parallel to the side, touches nothing before it is over the side.
+
+    Parameters
+    ----------
+    s, e : int
+    n : tuple of 3 floats
+        Normal of the box at the sphere, from an edge or a corner. It is in the box's frame, as ``center``.
+    center : tuple of 3 floats
+        Of the sphere [m].
+    way : tuple of 3 floats
+        Of the sphere until the horizon; body frame [m].
+    level : float
+        Depth of a face that still passes: its depth at rest and by free motion [m].
+    R_ei : (3, 3) array
+        Rotation from body to box axes.
+    world : World
+    """
+    if world.environment.kind[e] != _BOX:
+        return False
+    faces, r = world.implicit.faces, world.tree.radii[s]
+    for k in range(FACES_OF_A_SPHERE):
+        f = faces.of_sphere[s, k]
+        if f < 0 or faces.corners[f] == 0:
+            continue
+        p = rotate(R_ei, faces.normal[f, 0], faces.normal[f, 1], faces.normal[f, 2])
+        v = rotate(R_ei, way[0], way[1], way[2])
+        for axis in range(3):
+            if n[axis] * p[axis] < 0.0 and abs(p[axis]) > FACING:
+                sign = math.copysign(1.0, n[axis])
+                height = sign * (center[axis] + r * p[axis]) - world.environment.size[e, axis]
+                if min(height, height + sign * v[axis]) > -level:
+                    return True
+    return False
 
 
 @inner(forceinline=True)
