@@ -13,7 +13,7 @@ import numpy as np
 from ..dynamics.contact_history import ContactHistory
 from ..propagators.base import ContactModes, PointPairs, Propagator, Samples, rollout_count
 from ..propagators.overlap_depths import overlaps
-from ..propagators.sigma_points import opposite_points
+from ..propagators.point_errors import opposite_points
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,

@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import kernel
-from ..compiler.arrays import empty
 from ..dynamics.contact_history import ContactHistory
 from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
@@ -16,11 +14,12 @@ from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERROR
-from ..spatial.moments import boxminus, mean_and_errors, second_moment, spread_states, symmetric_root
+from ..spatial.moments import mean_and_errors, second_moment, spread_states, symmetric_root
 from .base import ClosedFormFlight, Islands, PointPairs, Supports, Traits
 from .free_flight import after_flight, course_of
 from .joining import joined_history
 from .options import option
+from .point_errors import errors_about_first
 from .reduction import common_covariance, reduction, symmetric
 from .rollouts import SimulatedRollouts
 from .start import resolve_initial_overlap
@@ -139,39 +138,9 @@ class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
         return (values > 1e-14 * values[:, -1:]).sum(axis=1)
 
 
-def opposite_points(points: np.ndarray, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the errors of points about the middle one, and those of the opposite points.
-
-    Parameters
-    ----------
-    points : (2 n + 1, B, 13) array
-        States, as from `PointPairs.point_states`.
-    moving : (M,) int array
-        Indices of the moving bodies.
-
-    Returns
-    -------
-    errors, opposite : (n, M, 12) array
-    """
-    errors = _errors_about_first(points).reshape(len(points), -1, ERROR)[:, moving]
-    count = len(points) // 2
-    return errors[1 : count + 1], errors[count + 1 :]
-
-
-@kernel
-def _errors_about_first(states):
-    """Return the errors (N, 12 B) of all states (N, B, 13) about the first."""
-    count, bodies = states.shape[0], states.shape[1]
-    errors = empty((count, ERROR * bodies))
-    for n in range(count):
-        for i in range(bodies):
-            boxminus(states[n, i], states[0, i], errors[n, ERROR * i : ERROR * (i + 1)])
-    return errors
-
-
 def _widened(states, factor):
     """Return sigma points (2 n + 1, B, 13) farther from the mean by a factor, for smaller weights."""
-    errors = _errors_about_first(states)
+    errors = errors_about_first(states)
     count = len(states) // 2
     plus, minus = errors[1 : count + 1], errors[count + 1 :]
     odd, even = 0.5 * factor * (plus - minus), 0.5 * factor**2 * (plus + minus)

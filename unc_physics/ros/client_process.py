@@ -16,7 +16,7 @@ import sys
 from rclpy.utilities import get_rmw_implementation_identifier
 
 _GUID, _GUID_PREFIX = 16, 12  # bytes of the id of an endpoint, and of its participant
-_SEQUENCE = 8  # bytes of the number that follows the id in `rmw_request_id_t`
+_SEQUENCE = 8  # bytes of the number that follows the id in ``rmw_request_id_t``
 _MACHINE, _PROCESS = slice(0, 4), slice(4, 6)  # of a participant's id of Fast DDS
 _MIDDLEWARE = "rmw_fastrtps"
 _PIDS = 1 << 16  # numbers of processes that an id distinguishes
@@ -26,7 +26,7 @@ def participant_of(header) -> bytes:
     """Return the beginning of the ids of a client's endpoints, from its request's header; empty if unknown.
 
     rclpy of ROS 2 Jazzy has no other access to it: its ``rmw_request_id_t`` shows the sequence number but not
-    the writer's id, `Node.get_subscriptions_info_by_topic` lists the endpoints of all clients, and actions
+    the writer's id, ``Node.get_subscriptions_info_by_topic`` lists the endpoints of all clients, and actions
     have no introspection, whose events contain the client's id.
 
     The C structure begins with the id, and the sequence number follows. Its address is the first word after
