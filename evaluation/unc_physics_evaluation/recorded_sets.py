@@ -109,7 +109,8 @@ class RecordedSet(NamedTuple):
         """Return the scene with the gravity measured in motions, which depends on the recording's scale."""
         gravity = self.gravity
         if gravity is None:
-            gravity = flight_gravity([self.motions[k] for k in chosen], self.scene)
+            measured = flight_gravity([self.motions[k] for k in chosen], self.scene)
+            gravity = None if measured is None else measured.acceleration
         return self.scene if gravity is None else replace(self.scene, gravity=gravity)
 
     def adjusted(self, names: Sequence[str] = FITTABLE) -> list[Adjustable]:

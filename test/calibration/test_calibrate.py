@@ -10,6 +10,7 @@ from throws import everyday, scene, throws
 from unc_physics import Plane, UncPhysicsError, calibrate, load_scene, save_packing
 from unc_physics.__main__ import main
 from unc_physics.calibration.adjustable import Model, adjustables, chosen, fitted_by_default, with_values
+from unc_physics.calibration.flight import FlightGravity
 from unc_physics.calibration.objective import Objective, recorded
 from unc_physics.calibration.snippet import as_scene_file, as_table
 
@@ -112,6 +113,21 @@ def test_three_noisy_motions_end_no_worse_than_the_prior():
         after.append(score.per_motion(found.after))
         assert sum(one.determined for one in found.fitted) < len(found.fitted) / 2
     assert np.mean(after) < 1.1 * np.mean(before)  # three seeds: 1.05 is within their scatter
+
+
+@pytest.mark.parametrize(
+    ("seen", "std", "warns"),
+    [
+        ((0.0, 0.0, -9.6), 0.03, True),
+        ((0.0, 0.0, -9.6), 0.1, False),
+        ((0.1, 0.0, -9.81), 0.01, True),
+        ((0.1, 0.0, -9.81), 0.05, False),
+        ((0.0, 0.0, -9.75), 0.001, False),
+    ],
+)
+def test_only_a_clear_difference_of_gravity_is_reported(found, seen, std, warns):
+    table = as_table(replace(found, gravity=FlightGravity(np.array(seen), np.full(3, std))))
+    assert ("free flights fall" in table) == warns
 
 
 def test_what_is_not_known_of_friction_is_part_of_its_spread(found):

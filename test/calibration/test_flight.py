@@ -76,5 +76,30 @@ def test_flights_tell_gravity():
     longer = [Motion(m.name, np.arange(16) * 0.01, np.vstack([m.poses, m.poses])) for m in motions]
     for motion in longer:
         motion.poses[:, :3] = motion.poses[0, :3] + 0.5 * motion.times[:, None] ** 2 * [0.1, -0.2, -9.5]
-    assert flight_gravity(longer, SCENE) == pytest.approx([0.1, -0.2, -9.5], rel=1e-6)
+    assert flight_gravity(longer, SCENE).acceleration == pytest.approx([0.1, -0.2, -9.5], rel=1e-6)
     assert flight_gravity(motions, SCENE) is None, "too short"
+
+
+@pytest.mark.parametrize("rate", [60, 90])
+def test_a_bounce_between_two_frames_is_no_part_of_a_flight(rate):
+    motions = throws(SCENE, 20, dt=1.0 / rate, poses=rate // 2, noise=(5e-4, 3e-3), height=0.4)
+    for motion in motions:
+        count = flight_frames(motion, SCENE)
+        fit = np.polyfit(motion.times[:count], motion.poses[:count, 2], 2)
+        assert np.std(motion.poses[:count, 2] - np.polyval(fit, motion.times[:count])) < 1e-3
+    found = flight_gravity(motions, SCENE)
+    error = np.abs(found.acceleration - SCENE.gravity)
+    assert error.max() < 0.098 and (error < 4.0 * found.std).all()
+
+
+def test_a_flight_unlike_the_others_is_left_out_of_gravity():
+    poses, rng = np.tile([0, 0, 5.0, 0, 0, 0, 1], (16, 1)), np.random.default_rng(0)
+    motions = [Motion(str(k), np.arange(16) * 0.01, poses) for k in range(5)]
+    for motion in motions:
+        motion.poses[:, 2] -= 0.5 * 9.81 * motion.times**2
+        motion.poses[:, :3] += 1e-4 * rng.standard_normal((16, 3))
+    before = flight_gravity(motions[:4], SCENE)
+    motions[4].poses[10:, 2] += 2.0 * (motions[4].times[10:] - 0.1)  # hits something that the scene lacks
+    after = flight_gravity(motions, SCENE)
+    np.testing.assert_array_equal(after.acceleration, before.acceleration)
+    np.testing.assert_array_equal(after.std, before.std)

@@ -20,12 +20,12 @@ def everyday(**physics):
     return Scene.everyday([RigidBody("box", BOX, 0.3)], environment=[Plane(name="table")], **physics)
 
 
-def throws(of, count, seed=0, dt=1 / 120, poses=84, noise=NOISE):
+def throws(of, count, seed=0, dt=1 / 120, poses=84, noise=NOISE, height=0.14):
     """Motions of a scene's box, thrown at random."""
     rng, found = np.random.default_rng(seed), []
     for k in range(count):
         state = np.zeros((1, 13))
-        state[0, :6] = [0.0, 0.0, 0.14, 1.0, 0.0, -0.3]
+        state[0, :6] = [0.0, 0.0, height, 1.0, 0.0, -0.3]
         q = rng.standard_normal(4)
         state[0, 6:10] = q / np.linalg.norm(q)
         state[0, 10:] = 4.0 * rng.standard_normal(3)

@@ -14,7 +14,7 @@ from ..checks.errors import NotSupportedError
 from ..checks.validation import integer
 from ..scene.scene import Scene
 from .adjustable import Adjustable, Model, chosen, fitted_by_default
-from .flight import FlightStart, flight_gravity, pose_noise
+from .flight import FlightGravity, FlightStart, flight_gravity, pose_noise
 from .motions import Motion
 from .objective import DRAWS, TIMES, Objective, Recorded, Scores, Simulator, recorded, simulated
 from .posterior import Posterior
@@ -66,8 +66,9 @@ class Calibration:
         Of each motion that was used, with other random draws than the fit.
     recorded : tuple of Recorded
         The motions that were used.
-    gravity : (3,) array or None
-        Acceleration of the free flights, world axes [m/s^2]; None without long flights.
+    gravity : FlightGravity or None
+        ``acceleration`` (3,) of the free flights, world axes, and ``std`` (3,) of its error [m/s^2]; None
+        without long flights.
     objective : tuple of 2 floats
         Mean score before and after, the lower the better.
     evaluations : int
@@ -82,7 +83,7 @@ class Calibration:
     scores_before: tuple[Scores, ...]
     scores_after: tuple[Scores, ...]
     recorded: tuple[Recorded, ...]
-    gravity: np.ndarray | None
+    gravity: FlightGravity | None
     objective: tuple[float, float]
     evaluations: int
     bounds: tuple[tuple[float, float], ...]

@@ -33,6 +33,8 @@ FRAMES = 8  # of the first poses, at most, that the start is fitted to
 MARGIN = 2e-3  # least distance of a flying body from the environment [m]
 _FEWEST = 3
 _LONG_FLIGHT = 10  # poses from which gravity is estimated
+_UNUSUAL = 3.0  # residuals of a flight, relative to the median of all flights
+_OF_MEDIAN = 1.25  # standard deviation of the median of many normal numbers, relative to that of their mean
 _ROUNDS = 20  # at most, of the fit, which is linear but for the turning
 _ROUND = 1e-9  # relative difference of principal moments that count as equal
 _SETTLED = 1e-9  # rad, rad/s
@@ -59,6 +61,13 @@ class FlightStart(NamedTuple):
         return Belief(self.state[None], P[None])
 
 
+class FlightGravity(NamedTuple):
+    """Acceleration of free flights."""
+
+    acceleration: np.ndarray  # (3,): world axes [m/s^2]
+    std: np.ndarray  # (3,): of its error [m/s^2]
+
+
 def moving_body(scene: Scene) -> RigidBody:
     """Return the only body of a scene; raise `InvalidRequestError` if there are several, or it is fixed."""
     if len(scene.bodies) != 1 or not len(scene.moving):
@@ -70,16 +79,29 @@ def moving_body(scene: Scene) -> RigidBody:
 
 
 def flight_frames(motion: Motion, scene: Scene) -> int:
-    """Return how many of a motion's first poses keep the `MARGIN` to all elements of the environment."""
+    """Return how many of a motion's first poses precede its first contact with the environment.
+
+    Such a pose keeps the `MARGIN` to all elements, and so does its prediction by free flight from the two
+    poses before. The recorded pose alone may follow a bounce between two frames.
+    """
     body = moving_body(scene)
     hull = shape_of(body.model).hull
     centers, radii = body.model.centers[hull], body.model.radii[hull]
     for k, pose in enumerate(motion.poses):
-        points = pose[:3] + centers @ rotation_matrix(pose[3:]).T
-        for element in scene.environment:
-            if np.min(element.surface(points)[0] - radii) < MARGIN:
+        poses = [pose] if k < 2 else [pose, _flown_on(motion, k, scene.gravity)]
+        for position, quaternion in ((own[:3], own[3:]) for own in poses):
+            points = position + centers @ rotation_matrix(quaternion).T
+            if any(np.min(one.surface(points)[0] - radii) < MARGIN for one in scene.environment):
                 return k
     return len(motion.poses)
+
+
+def _flown_on(motion, k, gravity):
+    """Return the pose (7,) to which free flight at constant spin leads from the two poses before pose k."""
+    (first, second), (before, step) = motion.poses[k - 2 : k], np.diff(motion.times[k - 2 : k + 1])
+    position = second[:3] + step / before * (second[:3] - first[:3]) + 0.5 * step * (step + before) * gravity
+    turn = rotation_vectors(product(second[3:], inverse_of(first[3:])))
+    return np.concatenate([position, product(of_vectors(step / before * turn), second[3:])])
 
 
 def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> FlightStart | None:
@@ -161,17 +183,31 @@ def pose_noise(starts: Sequence[FlightStart]) -> tuple[float, float]:
     return float(np.sqrt(position)), float(np.sqrt(rotation))
 
 
-def flight_gravity(motions: Sequence[Motion], scene: Scene) -> np.ndarray | None:
-    """Return the median acceleration of the flights (3,), world axes [m/s^2].
+def flight_gravity(motions: Sequence[Motion], scene: Scene) -> FlightGravity | None:
+    """Return the median acceleration of the flights.
 
     None if all flights are short, or the scene has no gravity. Its direction may differ from the scene's
     gravity: tables, and the vertical axes of trackers, are tilted by milliradians.
     """
     if not np.any(scene.gravity):
         return None
-    found = []
-    for motion in motions:
-        count = flight_frames(motion, scene)
-        if count >= _LONG_FLIGHT:
-            found.append(2.0 * np.polyfit(motion.times[:count], motion.poses[:count, :3], 2)[0])
-    return np.median(found, axis=0) if found else None
+    fits = [
+        _acceleration(motion.times[:count], motion.poses[:count, :3])
+        for motion in motions
+        if (count := flight_frames(motion, scene)) >= _LONG_FLIGHT
+    ]
+    if not fits:
+        return None
+    found, variances, residuals = (np.array(column) for column in zip(*fits, strict=True))
+    usual = residuals <= _UNUSUAL * np.median(residuals)  # other flights contain a contact
+    found, median = found[usual], np.median(found[usual], axis=0)
+    spread = np.maximum(np.mean((found - median) ** 2, axis=0), np.mean(variances[usual]))
+    return FlightGravity(median, _OF_MEDIAN * np.sqrt(spread / len(found)))
+
+
+def _acceleration(times, positions):
+    """Return the acceleration (3,) of a flight, its variance along each axis, and the residual's std."""
+    design = np.vander(times, 3)
+    solution = np.linalg.lstsq(design, positions, rcond=None)[0]
+    square = np.sum((positions - design @ solution) ** 2) / (3 * (len(times) - 3))
+    return 2.0 * solution[0], 4.0 * square * np.linalg.inv(design.T @ design)[0, 0], np.sqrt(square)

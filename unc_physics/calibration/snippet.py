@@ -13,6 +13,7 @@ from .calibrate import Calibration
 
 _GRAVITY_OFF = 0.01  # relative, by which gravity may differ from the scene's
 _SLANT = 5e-3  # rad, likewise
+_SURE = 3.0  # standard deviations that they differ by at least
 _MATERIAL = ("friction", "friction_std", "restitution", "restitution_std")
 _PHYSICS = (*_MATERIAL, "impact_friction_speed", *IMPACT_STDS)
 
@@ -42,16 +43,17 @@ def as_table(found: Calibration) -> str:
 
 def _about_gravity(found):
     """Return a line if the acceleration of free flights differs from the scene's gravity; else none."""
-    own, seen = found.before.scene.gravity, found.gravity
-    if seen is None:
+    if found.gravity is None:
         return []
+    own, (seen, std) = found.before.scene.gravity, found.gravity
     sizes = np.linalg.norm(own), np.linalg.norm(seen)
     off = float(np.arccos(np.clip(own @ seen / (sizes[0] * sizes[1]), -1.0, 1.0)))
     text = f"put gravity: [{', '.join(f'{value:.4g}' for value in seen)}] into the scene as it was recorded"
-    if abs(sizes[1] / sizes[0] - 1.0) > _GRAVITY_OFF:
-        line = f"free flights fall with {sizes[1]:.3f} m/s^2, the scene with {sizes[0]:.3f}"
+    along = np.linalg.norm(std * seen) / sizes[1]
+    if abs(sizes[1] - sizes[0]) > max(_GRAVITY_OFF * sizes[0], _SURE * along):
+        line = f"free flights fall with {sizes[1]:.3f} +- {along:.3f} m/s^2, the scene with {sizes[0]:.3f}"
         return [f"{line}: the recording's scale or frame rate may be off; {text}"]
-    if off > _SLANT:
+    if off > max(_SLANT, _SURE * np.linalg.norm(std) / sizes[1]):
         return [f"free flights fall {1e3 * off:.0f} mrad aslant of the scene's gravity: {text}"]
     return []
 
