@@ -10,6 +10,7 @@ from throws import everyday, scene, throws
 from unc_physics import Plane, UncPhysicsError, calibrate, load_scene, save_packing
 from unc_physics.__main__ import main
 from unc_physics.calibration.adjustable import Model, adjustables, chosen, fitted_by_default, with_values
+from unc_physics.calibration.calibrate import Fitted
 from unc_physics.calibration.flight import FlightGravity
 from unc_physics.calibration.objective import Objective, recorded
 from unc_physics.calibration.snippet import as_scene_file, as_table
@@ -128,6 +129,16 @@ def test_three_noisy_motions_end_no_worse_than_the_prior():
 def test_only_a_clear_difference_of_gravity_is_reported(found, seen, std, warns):
     table = as_table(replace(found, gravity=FlightGravity(np.array(seen), np.full(3, std))))
     assert ("free flights fall" in table) == warns
+
+
+def test_a_spread_that_is_not_clearly_above_zero_has_an_upper_bound(found):
+    spread = Fitted("friction_std", "", "", 0.12, 0.016, 0.0064, True)
+    assert spread.upper_bound == pytest.approx(0.0309, rel=0.01)
+    clear, loose = replace(spread, std=0.005), replace(spread, determined=False)
+    friction = replace(spread, name="friction")
+    assert [one.may_be_zero for one in (spread, clear, loose, friction)] == [True, False, False, False]
+    table = as_table(replace(found, fitted=(spread,), bounds=((1e-4, 0.5),)))
+    assert "not clearly above zero, with upper bounds of 95 %: friction_std (at most 0.031)" in table
 
 
 def test_what_is_not_known_of_friction_is_part_of_its_spread(found):

@@ -25,6 +25,8 @@ EVALUATIONS = 80
 _SEARCHED = 12  # motions, at most, of the search; the uncertainty is then estimated from all motions
 _LEVEL = 0.9  # level of the regions whose coverage is checked
 _SURE = 4.0  # standard errors below it that raise a doubt: there are four checks, and fitted values err
+_CLEAR = 3.0  # standard deviations from 0 of a spread that is not zero
+_UPPER_QUANTILE = 1.645  # of a normal number, which exceeds it with a probability of 5 %
 _NOISE = 3.0  # first guess of the noise of recorded poses, over the residuals of free flights
 
 
@@ -51,6 +53,16 @@ class Fitted:
     value: float
     std: float
     determined: bool
+
+    @property
+    def may_be_zero(self) -> bool:
+        """Whether it is a spread that the motions determine to less than three standard deviations from 0."""
+        return self.name.endswith("_std") and self.determined and self.value < _CLEAR * self.std
+
+    @property
+    def upper_bound(self) -> float:
+        """Value that a spread exceeds with a probability of 5 %: its logarithm is fitted."""
+        return self.value * math.exp(_UPPER_QUANTILE * self.std / self.value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +107,7 @@ class Calibration:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Sentences about problems of the fit: low coverage, values at a bound or undetermined."""
+        """Sentences about problems of the fit: low coverage, values at a bound, undetermined or near zero."""
         found, count = [], len(self.recorded)
         least = _LEVEL - _SURE * math.sqrt(_LEVEL * (1.0 - _LEVEL) / count)
         for what, quantity in (("positions", "position_rank"), ("rotations", "rotation_rank")):
@@ -113,6 +125,9 @@ class Calibration:
         if loose:
             names = ", ".join(loose)
             found.append(f"the motions do not determine {names}: these values stay close to their priors")
+        zero = [f"{one.name} (at most {one.upper_bound:.2g})" for one in self.fitted if one.may_be_zero]
+        if zero:
+            found.append(f"not clearly above zero, with upper bounds of 95 %: {', '.join(zero)}")
         return tuple(found)
 
 
