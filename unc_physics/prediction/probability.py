@@ -3,7 +3,8 @@
 An estimate has an interval for the finite number of rollouts and the limits of the method. The Gaussian of a
 propagator without samples is no measure of probability once bodies have touched
 (``python -m unc_physics evaluate calibration``). Such a prediction uses samples of the initial belief that
-fly until their first contacts (`first_contacts`). A flight that does not decide the event counts half.
+fly until their first contacts (`first_contacts`). A flight that does not decide the event counts half. If no
+flight decides it, the Gaussian answers.
 """
 
 from __future__ import annotations
@@ -131,13 +132,13 @@ def _sources_of(scene, initial, snapshot):
         certain = _Source("certain", RolloutOutcomes(scene, start, only, first[:1]), 1)
         return (certain,)
     found = []
-    if states is not None:
+    if states is None:  # ahead of flights: these count only where their interval is narrower
+        drawn = snapshot.belief.sample(_DRAWN, np.random.default_rng(0))
+        outcomes = RolloutOutcomes(scene, start, drawn, first[np.arange(_DRAWN) % len(first)])
+        found.append(_Source("gaussian", outcomes, len(first)))
+    else:
         found.append(_Source("samples", RolloutOutcomes(scene, start, states, first), len(states)))
     if snapshot.flights is not None:
         outcomes = RolloutOutcomes(scene, start, *snapshot.flights)
         found.append(_Source("flights", outcomes, len(outcomes.states)))
-    if not found:
-        drawn = snapshot.belief.sample(_DRAWN, np.random.default_rng(0))
-        outcomes = RolloutOutcomes(scene, start, drawn, first[np.arange(_DRAWN) % len(first)])
-        found.append(_Source("gaussian", outcomes, len(first)))
     return tuple(found)
