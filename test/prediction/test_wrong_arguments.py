@@ -48,10 +48,7 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
         ),
         (
             lambda: predict(SCENE, BELIEF, "sigma_points", 0.1, times=[0.2]),
-            (
-                "horizon must not be earlier than the time before it, 0.2 s; times ascend, and the horizon is"
-                " the last (got 0.1)"
-            ),
+            "horizon is the last time, so it must be at least that of times, 0.2 s (got 0.1)",
         ),
         (
             lambda: predict(SCENE, BELIEF, "linearisation", 0.1),

@@ -30,6 +30,11 @@ def test_no_mass_anywhere_is_refused_but_for_fixed_bodies():
     assert RigidBody("a", WITHOUT_MASS, fixed=True).fixed
 
 
+def test_a_name_instead_of_a_model_is_refused_with_the_function_that_loads_it():
+    with pytest.raises(UncPhysicsError, match=r"must be a SpherePacking, as load_model\('pin'\) returns"):
+        RigidBody("a", "pin")  # pyright: ignore[reportArgumentType]
+
+
 def test_a_scene_file_needs_no_mass_where_the_model_has_one(tmp_path):
     content = CONTENTS["two_bodies"]()
     body = content["bodies"][1]

@@ -109,6 +109,19 @@ def test_a_wrong_shape_is_told_in_a_sentence(case):
         assert not schema.is_valid(scene(**entries))
 
 
+def test_a_shape_without_a_mass_is_refused_before_it_is_packed(monkeypatch):
+    monkeypatch.setattr(
+        "unc_physics.scene.scene_file.primitive_model", lambda *_, **__: pytest.fail("packed")
+    )
+    with pytest.raises(UncPhysicsError, match=r"^bodies\[0\]\.mass must be given for a body with a shape"):
+        scene_from_dict(scene(shape={"cylinder": {"radius": 0.03, "length": 0.1}}, mass=None))
+
+
+def test_a_covariance_of_a_pose_is_refused_with_the_order_of_rows():
+    with pytest.raises(UncPhysicsError, match="12 rows, three each for position, .*; it has 6"):
+        scene_from_dict(scene(covariance=[[0.0] * 6] * 6))
+
+
 def test_a_body_needs_a_model_or_a_shape():
     content = scene()
     del content["bodies"][0]["shape"]

@@ -138,7 +138,7 @@ def quaternion(value, field) -> np.ndarray:
     length = float(np.linalg.norm(q))
     if abs(length - 1.0) > _QUATERNION_TOLERANCE:
         raise InvalidOrientationError(
-            f"must have unit length, not {length:.6g}", field=field, value=q.tolist()
+            f"must have unit length, not {length:.6g}; the order is x, y, z, w", field=field, value=q.tolist()
         )
     q = q / length
     q.flags.writeable = False

@@ -67,7 +67,10 @@ def find_model(name_or_path, models_dir=None) -> Path:
     if text.endswith(".npz") or os.sep in text:
         if not text.endswith(".npz"):
             raise UnknownModelError(
-                "must be a model's name, or the path of a file that ends in .npz", field="model", value=text
+                "must be a model's name, or the path of a file that ends in .npz; the command pack makes"
+                " one of a mesh",
+                field="model",
+                value=text,
             )
         try:
             path = Path(text).expanduser()

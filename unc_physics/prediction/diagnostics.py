@@ -158,7 +158,8 @@ def _uneven_quantity(evidence, body):
 
 
 def _widened_quantity(evidence, body):
-    return _QUANTITIES[int(np.argmax(evidence.widening[body]))]
+    factors = evidence.widening[body]
+    return f"{_QUANTITIES[int(np.argmax(factors))]} by a factor of {factors.max():.3g}"
 
 
 def _mean_errors(evidence, body):
@@ -484,7 +485,7 @@ def spread_error(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     MATTER,
-    "rare outcomes lie far from all rollouts, and may widen the spread of {detail} by this factor; ask for"
+    "rare outcomes lie far from all rollouts, and may widen the spread of {detail}; ask for"
     " the probability of an event, or for many more rollouts",
     detail=_widened_quantity,
 )

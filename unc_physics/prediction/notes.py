@@ -7,7 +7,7 @@ from ..scene.environment import may_meet
 from ..scene.scene import Scene
 
 _SMOOTH = 2e-4  # m; bumps above change how far a round body rolls
-_ENOUGH = "spheres: auto takes as many as are needed"
+_ENOUGH = "take all of its model (in a scene file spheres: auto takes enough), or pack it with more"
 
 
 def few_spheres(scene: Scene, body: int) -> str | None:

@@ -118,9 +118,11 @@ def marks_of(scene: Scene, horizon: float | None, times: float | Sequence[float]
     for name, value in zip(names, wanted, strict=True):
         mark = _checked_mark(scene, value, name)
         if marks and mark.time < marks[-1].time - RESOLUTION:
+            before = f"{marks[-1].time:.6g} s"
             raise InvalidHorizonError(
-                f"must not be earlier than the time before it, {marks[-1].time:.6g} s; times ascend, and the"
-                " horizon is the last",
+                f"is the last time, so it must be at least that of times, {before}"
+                if name == "horizon"
+                else f"must not be earlier than the time before it, {before}",
                 field=name,
                 value=value,
             )

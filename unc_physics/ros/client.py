@@ -623,7 +623,8 @@ class Client:
     def _model_info(self, name: str) -> ModelInfo:
         if name not in self._models and name not in self.models():
             raise UnknownModelError(
-                "is not known to the node; client.load_model(path) gives it the file",
+                "is not known to the node; client.load_model(path) gives it the file, which"
+                " save_packing(path, model) writes",
                 field="model",
                 value=name,
             )

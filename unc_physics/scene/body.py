@@ -133,8 +133,9 @@ class RigidBody(Surface):
         if not isinstance(self.name, str) or not self.name:
             raise InvalidRequestError("must be a non-empty text", field="name", value=self.name)
         if not isinstance(self.model, SpherePacking):
+            loaded = f", as load_model({self.model!r}) returns" if isinstance(self.model, str) else ""
             raise InvalidRequestError(
-                "must be a SpherePacking", field=f"model of body '{self.name}'", value=self.model
+                f"must be a SpherePacking{loaded}", field=f"model of body '{self.name}'", value=self.model
             )
         check_surface(self, f" of body '{self.name}'")
         field = f"center_of_mass_std of body '{self.name}'"

@@ -13,6 +13,7 @@ import numpy as np
 from ..checks.errors import (
     InvalidEnvironmentError,
     InvalidHorizonError,
+    InvalidMassError,
     InvalidModelError,
     InvalidOptionError,
     InvalidRequestError,
@@ -68,6 +69,16 @@ def _as_it_is(value, field):
     return value
 
 
+def _covariance(value, field):
+    if isinstance(value, (list, tuple)) and len(value) != ERROR:
+        raise InvalidRequestError(
+            f"must have {ERROR} rows, three each for position, linear velocity, rotation about the body's"
+            f" axes and angular velocity; it has {len(value)}",
+            field=field,
+        )
+    return read_numbers(value, (ERROR, ERROR), field)
+
+
 #: Readers of the entries of a body that are fields of `BodyBelief`, and of those about its actions.
 _BELIEF = {
     "origin": _as_it_is,
@@ -75,7 +86,7 @@ _BELIEF = {
     "orientation": lambda value, field: read_numbers(value, (4,), field),
     "roll_pitch_yaw": _vector,
     **dict.fromkeys(STDS, read_std),
-    "covariance": lambda value, field: read_numbers(value, (ERROR, ERROR), field),
+    "covariance": _covariance,
 }
 _ACTIONS = {
     "trajectory_std": lambda value, field: read_numbers(value, (6,) if value != 0 else (), field),
@@ -305,13 +316,16 @@ def _body(content, field, models_dir, folder, spheres, meets):
         _check_fixed(content, field, belief, {"mass_std": mass_std, "center_of_mass_std": com_std})
     given = content.get("spheres")
     spheres = spheres if given is None else given
+    moves = not fixed and trajectory is None
     if "shape" in content:
+        if moves and content.get("mass") is None:  # before it is packed, which takes up to half a minute
+            raise InvalidMassError("must be given for a body with a shape", field=f"{field}.mass")
         model = _primitive(content, field, spheres, meets)
     else:
         model = at_field(
             field, load_shape, content["model"], spheres, content.get("scale"), models_dir, folder, meets
         )
-    mass = known_mass(content.get("mass"), model, fixed or trajectory is not None, f"{field}.mass")
+    mass = known_mass(content.get("mass"), model, not moves, f"{field}.mass")
     surface = _surface(content, field)
     at_rest = False if content.get("at_rest") is None else content["at_rest"]
     inertia = None if content.get("inertia") is None else _inertia(content["inertia"], f"{field}.inertia")
