@@ -73,8 +73,9 @@ def _covariance(value, field):
     if isinstance(value, (list, tuple)) and len(value) != ERROR:
         raise InvalidRequestError(
             f"must have {ERROR} rows, three each for position, linear velocity, rotation about the body's"
-            f" axes and angular velocity; it has {len(value)}",
+            " axes and angular velocity",
             field=field,
+            value=value,
         )
     return read_numbers(value, (ERROR, ERROR), field)
 
