@@ -236,7 +236,8 @@ def fit_model(
     search.approach()
     if evaluations - search.tried > 2 * len(adjusted):
         search.run(evaluations - search.tried)
-    every = Objective(motions, samples, seed, simulate)
+    # other draws than those to which the best values are adapted
+    every = Objective(motions, samples, seed + 2, simulate)
     score_before = every.per_motion(before).mean()
     posterior = Posterior(every, before, adjusted, report_score)
     estimate = refine(posterior, search.best)
