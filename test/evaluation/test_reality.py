@@ -113,7 +113,7 @@ def test_rows_and_report(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "available", lambda: [OURS])
 
     def fit(motions, before, adjusted, *arguments, **options):
-        assert len(motions) == 3 and len(adjusted) == len(experiment.DEFAULT)
+        assert len(motions) == 3 and len(adjusted) == len(experiment.FITTABLE)
         return Fit(before, (), (0.0, 0.0))
 
     monkeypatch.setattr(experiment, "fit_model", fit)  # tested where it is

@@ -127,7 +127,7 @@ def test_errors_quote_what_was_sent_in_its_own_frame(frames):
     request.scene.objects[1].pose.orientation.w = 0.0
     with pytest.raises(InvalidOrientationError) as error:
         read_request(request, Settings(), ModelLibrary(), frames)
-    assert str(as_sent(error.value, request)).endswith("not 0.5 (got (0.5, 0.0, 0.0, 0.0))")
+    assert str(as_sent(error.value, request)).endswith("the order is x, y, z, w (got (0.5, 0.0, 0.0, 0.0))")
 
 
 @pytest.mark.parametrize(

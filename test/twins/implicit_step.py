@@ -46,6 +46,8 @@ SLACK, RECOVERY = 2e-5, 0.05
 #: FACING: least cosine of the angle between faces that carry each other. DEEPEST: their largest depth,
 #: relative to the smaller radius. NEAR_EDGE: distance outside an outline that counts as inside [m].
 FACING, DEEPEST, NEAR_EDGE = 0.95, 0.1, 1e-6
+#: Depth of a resting face at an edge that it passes [m].
+LEVEL = 1e-4
 #: Added to the sphere of the partner for each kind of contact of outlines.
 KINDS = 10**6
 #: ROLL_DEPTH: least depth at which a cylinder's contact is as wide as the part of a patch that rolls together
@@ -196,7 +198,7 @@ def candidates(scene, x, i, j, horizon, limit=None):
         for a, (distance, n) in enumerate(zip(distances, normals, strict=True)):
             gap = distance - ri[a]
             predicted = gap + horizon * n @ vi[a]
-            if min(gap, predicted) < limit:
+            if min(gap, predicted) < limit and not passes_edge(scene, x[i], i, a, j, n, horizon * vi[a]):
                 found.append(Contact(i, j, a, 0, n, ci[a] - ri[a] * n, gap, predicted, ci[a], None, ri[a]))
         return found + outline_contacts(scene, x, i, j, horizon, limit)
     cj, rj = centers(scene.bodies[j], x[j]), scene.bodies[j].model.radii
@@ -270,6 +272,34 @@ def outlines_of(scene, x, k):
             corners = element.position + 0.5 * np.array(element.size) * signs @ element.rotation.T
             out.append(Outline(sign * element.rotation[:, axis], corners, np.arange(4)))
     return out
+
+
+def passes_edge(scene, state, i, a, j, n, way):
+    """Return whether sphere a of body i touches an edge of box ``-1 - j`` that its solid face passes.
+
+    The face is not below the box's side, now or after a way [m], but for the depth at rest and the free fall
+    of a step.
+    """
+    element, faces = scene.environment[-1 - j], shape_of(scene.bodies[i].model).faces
+    if not isinstance(element, Box):
+        return False
+    axes = element.rotation
+    turn = Rotation.from_quat(state[Q]).as_matrix()
+    if np.abs(n @ axes).max() > 1.0 - 1e-12:
+        return False
+    center, r = centers(scene.bodies[i], state)[a], scene.bodies[i].model.radii[a]
+    level = LEVEL + scene.dt**2 * np.linalg.norm(scene.gravity)
+    for f in faces.of_sphere[a]:
+        if f < 0 or faces.corners[f] == 0:
+            continue
+        normal = turn @ faces.normal[f]
+        for axis, half in zip(axes.T, 0.5 * np.asarray(element.size), strict=True):
+            side = np.sign(n @ axis) * axis
+            if normal @ side < -FACING:
+                height = side @ (center + r * normal - element.position) - half
+                if min(height, height + side @ way) > -level:
+                    return True
+    return False
 
 
 def outline_contacts(scene, x, i, j, horizon, limit):
