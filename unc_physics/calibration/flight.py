@@ -88,7 +88,7 @@ def flight_frames(motion: Motion, scene: Scene) -> int:
     hull = shape_of(body.model).hull
     centers, radii = body.model.centers[hull], body.model.radii[hull]
     for k, pose in enumerate(motion.poses):
-        poses = [pose] if k < 2 else [pose, _flown_on(motion, k, scene.gravity)]
+        poses = [pose] if k < 2 else [pose, _pose_ahead(motion, k, scene.gravity)]
         for position, quaternion in ((own[:3], own[3:]) for own in poses):
             points = position + centers @ rotation_matrix(quaternion).T
             if any(np.min(one.surface(points)[0] - radii) < MARGIN for one in scene.environment):
@@ -96,7 +96,7 @@ def flight_frames(motion: Motion, scene: Scene) -> int:
     return len(motion.poses)
 
 
-def _flown_on(motion, k, gravity):
+def _pose_ahead(motion, k, gravity):
     """Return the pose (7,) to which free flight at constant spin leads from the two poses before pose k."""
     (first, second), (before, step) = motion.poses[k - 2 : k], np.diff(motion.times[k - 2 : k + 1])
     position = second[:3] + step / before * (second[:3] - first[:3]) + 0.5 * step * (step + before) * gravity
