@@ -36,7 +36,7 @@ VIEW = ["viser>=1.1"]
 
 setup(
     name=NAME,
-    version="0.2.0",
+    version="0.3.0.dev0",
     description="Predicts where rigid objects will be, and how certain that is, through contact",
     long_description=README.read_text(encoding="utf-8") if README.is_file() else "",
     long_description_content_type="text/markdown",

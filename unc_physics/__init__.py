@@ -17,7 +17,7 @@ from .programs import let_programs_die, let_programs_use_one_blas_thread
 let_programs_die()
 let_programs_use_one_blas_thread()
 
-__version__ = "0.2.0"
+__version__ = "0.3.0.dev0"
 
 
 def _homes():
