@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from unc_physics.checks.errors import NotSupportedError
-from unc_physics.scene.action_arrays import path_states
 from unc_physics.scene.environment import Plane
+from unc_physics.scene.kinematic_states import path_states
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 from .engines import PrincipalBody

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from unc_physics import Plane, PosePath, RigidBody, Scene, load_model
-from unc_physics.scene.action_arrays import with_kinematic
+from unc_physics.scene.kinematic_states import with_kinematic
 from unc_physics_evaluation.action_engine_base import Shape
 from unc_physics_evaluation.action_engines import FINE, opened
 from unc_physics_evaluation.push_engines import pushed_in

@@ -12,7 +12,7 @@ from twins.states import boxminus
 from unc_physics import Plane, PosePath, RigidBody, Wrench
 from unc_physics.dynamics import contact_history
 from unc_physics.dynamics.rollout import rollout
-from unc_physics.scene.action_arrays import path_states, start_states
+from unc_physics.scene.kinematic_states import path_states, start_states
 from unc_physics.scene.parameters import vary
 from unc_physics.scene.stiffness import with_stiffness
 

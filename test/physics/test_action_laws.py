@@ -63,7 +63,7 @@ def test_the_velocities_of_a_path_are_those_of_its_motion():
         angular_velocities=[[np.nan] * 3, [1, -2, 0.5], [np.nan] * 3, [0, 0, 0]],
     )
     scene = Scene([RigidBody("hand", BALL, trajectory=path)])
-    from unc_physics.scene.action_arrays import path_states
+    from unc_physics.scene.kinematic_states import path_states
 
     t, e = np.linspace(0.013, 1.09, 40), 1e-6
     low, here, high = (path_states(scene, 0, t + s) for s in (-e, 0.0, e))

@@ -115,7 +115,7 @@ def test_a_turning_path_is_offset_about_its_first_pose():
     """Along the axes of the body there."""
     q = Rotation.from_rotvec([[0, 0, np.pi / 2], [0, 0, np.pi / 2]])
     path = PosePath(times=[0, 1], positions=[[1, 0, 0], [1, 1, 0]], orientations=q.as_quat())
-    from unc_physics.scene.action_arrays import path_states, vary_actions
+    from unc_physics.scene.kinematic_states import path_states, vary_actions
 
     hand = RigidBody("hand", BALL, trajectory=path, trajectory_std=[0.1, 0, 0, 0, 0, 0.5])
     scene = Scene([hand])

@@ -15,7 +15,7 @@ from unc_physics.ros.messages.actions import write_actions
 from unc_physics.ros.messages.frames import Transform
 from unc_physics.ros.messages.scene import read_scene, write_scene
 from unc_physics.ros.models import ModelLibrary, _info
-from unc_physics.scene.action_arrays import path_states
+from unc_physics.scene.kinematic_states import path_states
 from unc_physics.scene.presets import EXACT_PRESETS
 from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, ObjectState
 from unc_physics_msgs.msg import Scene as SceneMessage

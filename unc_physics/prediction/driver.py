@@ -20,8 +20,8 @@ from ..propagators.base import Anytime, Islands, PointPairs, Propagator, Samples
 from ..propagators.names import POINTS
 from ..propagators.registry import make_propagator
 from ..propagators.start import constrain_belief
-from ..scene.action_arrays import with_certain_actions, with_kinematic
 from ..scene.belief import Belief
+from ..scene.kinematic_states import with_certain_actions, with_kinematic
 from ..scene.marks import Mark, whole
 from ..scene.scene import Scene
 from .compute_budget import LOOK_UP_AFTER, ComputeBudget, first_piece

@@ -20,8 +20,8 @@ from ..dynamics.rollout import rollout
 from ..dynamics.workspace import workspace
 from ..dynamics.world import Bodies, World
 from ..propagators.start import constrain_belief, draw, resolve_initial_overlap
-from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
+from ..scene.kinematic_states import start_states
 from ..scene.marks import Mark
 from ..scene.parameters import draw_parameters, rollout_varied
 from ..scene.scene import Scene

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..scene.action_arrays import held_at_start
 from ..scene.belief import Belief
+from ..scene.kinematic_states import held_at_start
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
-from ..scene.action_arrays import start_states
+from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS

@@ -25,8 +25,8 @@ from ..dynamics.explicit_step import (
 )
 from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..dynamics.workspace import workspace
-from ..scene.action_arrays import UNCERTAIN
 from ..scene.belief import Belief
+from ..scene.kinematic_states import UNCERTAIN
 from ..scene.physics_keys import INTEGRATORS
 from ..spatial.layout import ERROR
 from ..spatial.rotation import cross, rotate

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
-from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
+from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS, Scene

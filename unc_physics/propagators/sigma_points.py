@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..dynamics.contact_history import ContactHistory
-from ..scene.action_arrays import start_states
 from ..scene.belief import Belief
+from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS

@@ -20,8 +20,8 @@ from ..initialization.lowering import lower
 from ..initialization.overlap_rows import Metric
 from ..initialization.overlap_search import TOUCHING, sides_of
 from ..initialization.projection import ProjectionInput, ProjectionOutput, project
-from ..scene.action_arrays import held_at_start, kinematic_belief
 from ..scene.belief import Belief
+from ..scene.kinematic_states import held_at_start, kinematic_belief
 from ..scene.parameters import turned
 from ..scene.scene import Scene
 from ..spatial.layout import (

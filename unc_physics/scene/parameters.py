@@ -16,8 +16,8 @@ from ..dynamics.rollout import advance, new_records, read_records, record
 from ..dynamics.world import World
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..spatial.rotation import exp, rotation_matrix
-from .action_arrays import vary_actions
 from .body import shape_of
+from .kinematic_states import vary_actions
 from .materials import Materials, varied
 from .scene import Scene
 

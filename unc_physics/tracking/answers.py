@@ -8,8 +8,8 @@ from ..compiler.compile_time import clock
 from ..dynamics import contact_history as histories
 from ..prediction.prediction import Prediction
 from ..prediction.snapshot import Snapshot
-from ..scene.action_arrays import with_kinematic
 from ..scene.belief import Belief
+from ..scene.kinematic_states import with_kinematic
 from ..scene.marks import Mark
 from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, POSITION
 from ..spatial.moments import mean_and_errors, second_moment, symmetric_root
