@@ -1,15 +1,17 @@
 """Predictions of one tree of the package, on request, for `experiments.same_bits`.
 
-A process runs this file by its path, in a tree that may be older than the file: it uses only what all of them
-offer.
+A process runs this file by its path, in the older of two trees, for a kind of scenes: `explicit` or
+`everyday`. The package may be the one of either tree: the file uses only what both offer.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+import tempfile
 from dataclasses import replace
 from inspect import signature
+from pathlib import Path
 
 import numpy as np
 
@@ -17,8 +19,8 @@ import numpy as np
 OPTIONS = {"monte_carlo": {"samples": 12}}
 
 
-def scenes():
-    """Return scenes by name: (scene, belief, horizon [s])."""
+def explicit_scenes():
+    """Return scenes of the explicit step by name: (scene, belief, horizon [s])."""
     from unc_physics import Belief, RigidBody, Scene, load_model, load_scene
 
     try:
@@ -84,8 +86,8 @@ def scenes():
     )
     found["a pile"] = pile, belief(many, 0.004), 0.8
     apart = np.concatenate([pair, pair + 8.0 * np.eye(1, 13, 1)])
-    islands = [RigidBody(f"p{k}", pin, 1.0 + k) for k in range(4)]
-    found["islands"] = replace(pins, bodies=islands, islands=True), belief(apart, 0.02), 2.0
+    four = [RigidBody(f"p{k}", pin, 1.0 + k) for k in range(4)]
+    found["two pairs"] = replace(pins, bodies=four), belief(apart, 0.02), 2.0
     uncertain = [replace(pins.bodies[0], mass_std=0.2), replace(pins.bodies[1], center_of_mass_std=0.02)]
     found["uncertain parameters"] = (
         replace(
@@ -97,6 +99,28 @@ def scenes():
     return found
 
 
+def everyday_scenes():
+    """Return the everyday scenes of example files and of the demo by name: (scene, belief, horizon [s])."""
+    import yaml
+
+    from unc_physics import load_scene
+    from unc_physics.ros.demo_scene import HORIZON, table_scene
+
+    found = {"demo": (*table_scene(), HORIZON)}
+    for path in sorted(Path("examples").glob("*/*.yaml")):
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = content.get("scene", content)  # of a file of actions
+        if content.get("physics") != "everyday":
+            continue
+        content.pop("islands", None)  # the reference has this key
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+            yaml.safe_dump(content, file)
+            file.flush()
+            scene, belief, horizon = load_scene(file.name)
+        found[f"{path.parent.name}/{path.stem}"] = scene, belief, horizon or 1.0
+    return found
+
+
 def propagators():
     """Return names and options of all propagators."""
     from unc_physics import PROPAGATORS
@@ -104,7 +128,7 @@ def propagators():
     return {name: (name, OPTIONS.get(name, {})) for name in PROPAGATORS}
 
 
-def cases(found):
+def explicit_cases(found):
     """Return the compatible pairs of a scene's and a propagator's name."""
     from unc_physics import PROPAGATORS
 
@@ -123,7 +147,20 @@ def _varies_parameters(kind):
     return getattr(kind, "varies_parameters", True) if supports is None else "mass" in supports.parameters
 
 
-def results(scene, belief, horizon, label):
+def everyday_cases(found):
+    """Return the pairs of a scene's and a propagator's name."""
+    return [(scene_name, "monte_carlo") for scene_name in found]
+
+
+def everyday_results(scene, belief, horizon, label):
+    """Return the final states of eight rollouts; what methods make of rollouts is compared elsewhere."""
+    from unc_physics import make_propagator, predict
+
+    prediction = predict(scene, belief, make_propagator(label, samples=8, seed=0), horizon)
+    return {"final states": prediction.carry.states}
+
+
+def explicit_results(scene, belief, horizon, label):
     """Return every array of a prediction, and its probabilities, by name; `stability` judges statuses."""
     import unc_physics
     from unc_physics import make_propagator, predict
@@ -171,11 +208,19 @@ def _contacts(scene, belief, prediction, events=None):
         yield found.estimate if known else None, *(time if timed else (None, None))
 
 
-def serve():
+#: For each kind: scenes, pairs of scenes and propagators, and arrays of a prediction.
+KINDS = {
+    "explicit": (explicit_scenes, explicit_cases, explicit_results),
+    "everyday": (everyday_scenes, everyday_cases, everyday_results),
+}
+
+
+def serve(kind):
     """Answer requests on standard input: one JSON object a line, with a case and a file for its arrays."""
     import numba
 
     numba.set_num_threads(1)
+    scenes, cases, results = KINDS[kind]
     found = scenes()
     print(json.dumps(cases(found)), flush=True)
     for line in sys.stdin:
@@ -186,4 +231,4 @@ def serve():
 
 
 if __name__ == "__main__":
-    serve()
+    serve(sys.argv[1])

@@ -1,4 +1,9 @@
-"""Comparison of the explicit step with the reference revision of the paper, to the last bit."""
+"""Comparison of both steps with reference revisions, to the last bit.
+
+The explicit step is compared with the revision of the paper, in all methods. The everyday step is compared
+with release 0.2, in the final states of rollouts of all everyday examples and of the demo. ``--quick``
+compares only these.
+"""
 
 from __future__ import annotations
 
@@ -26,37 +31,55 @@ from ..tables import table
 
 TITLE = "Same bits"
 ROOT = Path(unc_physics.__file__).resolve().parents[1]
-PAPER = "e2c9ee2"
+#: Kind of scenes (`served_predictions`): reference revision, and time of the comparison on one thread [s].
+REFERENCES = {"everyday": ("e60fe270", 30.0), "explicit": ("e2c9ee2", 600.0)}
 SAME = "same_bits_as_before"
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Return one job, alone on the machine, whose key depends on the sources."""
-    if missing(settings):
-        return []
-    parameters = settings.parameters(before=PAPER, after=fingerprint(ROOT))
-    return [Job("same_bits", parameters, cost=600.0, alone=True)]
+    """Return a job for each kind of scenes, alone on the machine, whose key depends on the sources."""
+    after = fingerprint(ROOT)
+    return [
+        Job("same_bits", settings.parameters(kind=kind, before=before, after=after), cost, alone=True)
+        for kind, (before, cost) in _chosen(settings)
+        if _is_known(before)
+    ]
 
 
 def missing(settings: Settings) -> list[str]:
-    """Return the reference revision if the checkout does not contain it."""
-    command = ["git", "-C", str(ROOT), "cat-file", "-e", f"{PAPER}^{{commit}}"]
+    """Return the reference revisions that the checkout does not contain."""
+    return [
+        f"same_bits: {ROOT} is no git checkout that has the commit {before}"
+        for _, (before, _) in _chosen(settings)
+        if not _is_known(before)
+    ]
+
+
+def _chosen(settings):
+    return [
+        (kind, reference)
+        for kind, reference in REFERENCES.items()
+        if kind == "everyday" or not settings.quick
+    ]
+
+
+def _is_known(revision):
+    command = ["git", "-C", str(ROOT), "cat-file", "-e", f"{revision}^{{commit}}"]
     try:
-        known = subprocess.run(command, capture_output=True, check=False).returncode == 0
+        return subprocess.run(command, capture_output=True, check=False).returncode == 0
     except OSError:
-        known = False
-    return [] if known else [f"same_bits: {ROOT} is no git checkout that has the commit {PAPER}"]
+        return False
 
 
 def run(job: Job) -> Outcome:
     """Compare every array that both trees predict.
 
-    Each tree runs in its own process with its own compile cache.
+    Each tree runs in its own process; both read the examples of the reference revision.
     """
-    rows = []
+    rows, kind = [], job.parameters["kind"]
     with tempfile.TemporaryDirectory() as folder:
-        _extract(job.parameters["before"], Path(folder) / "tree")
-        with _served(Path(folder) / "tree") as before, _served(ROOT) as after:
+        old = _tree(job.parameters["before"])
+        with _served(old, old, kind) as before, _served(ROOT, old, kind) as after:
             for scene, name in before.cases:
                 if (scene, name) not in after.cases:
                     continue
@@ -74,11 +97,12 @@ def report(results: Results) -> str:
     """Return a table with a line for each prediction."""
     rows = _latest(results)
     lines = []
-    for scene, name, arrays in _predictions(rows):
-        different = [array for array, same in arrays.items() if not same]
-        verdict = f"**different: {', '.join(different)}**" if different else "same bits"
-        lines.append([scene, name.replace("_", " "), str(len(arrays)), verdict])
-    return table(["scene", "propagator", "arrays", f"beside {rows[0]['before']}"], lines)
+    for before in rows.unique("before"):
+        for scene, name, arrays in _predictions(rows.where(before=before)):
+            different = [array for array, same in arrays.items() if not same]
+            verdict = f"**different: {', '.join(different)}**" if different else "same bits"
+            lines.append([scene, name.replace("_", " "), before, str(len(arrays)), verdict])
+    return table(["scene", "propagator", "beside", "arrays", ""], lines)
 
 
 def verdict(results: Results) -> str:
@@ -142,12 +166,13 @@ class _Tree:
 
 
 @contextmanager
-def _served(folder) -> Iterator[_Tree]:
-    cache = ROOT / ".pytest_cache" / "same_bits" / fingerprint(folder)
+def _served(package, examples, kind) -> Iterator[_Tree]:
+    # the trees share compiled kernels, whose files are named by what they depend on
+    cache = ROOT / "unc_physics" / "__pycache__"
     process = subprocess.Popen(
-        [sys.executable, served_predictions.__file__],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(cache)},
+        [sys.executable, served_predictions.__file__, kind],
+        cwd=examples,
+        env=os.environ | {"PYTHONPATH": str(package), "NUMBA_CACHE_DIR": str(cache)},
         text=True,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -156,12 +181,18 @@ def _served(folder) -> Iterator[_Tree]:
         yield _Tree(process)
 
 
-def _extract(revision, folder):
-    """Extract a revision's files into a folder."""
-    command = ["git", "-C", str(ROOT), "archive", revision]
-    archive = subprocess.run(command, capture_output=True, check=True).stdout
-    with tarfile.open(fileobj=io.BytesIO(archive)) as files:
-        files.extractall(folder, filter="data")
+def _tree(revision) -> Path:
+    """Return the folder of a revision's files; its place is always the same, as as numba caches by it."""
+    place = ROOT / ".pytest_cache" / "same_bits" / revision
+    if not place.exists():
+        command = ["git", "-C", str(ROOT), "archive", revision]
+        archive = subprocess.run(command, capture_output=True, check=True).stdout
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=place.parent) as folder:
+            with tarfile.open(fileobj=io.BytesIO(archive)) as files:
+                files.extractall(Path(folder) / "tree", filter="data")
+            (Path(folder) / "tree").rename(place)
+    return place
 
 
 def _same(found, expected):
