@@ -11,7 +11,6 @@ from example_extensions import code, install, run
 from example_scenes import two_bodies
 
 from unc_physics import ErrorCode
-from unc_physics.propagators.base import Islands, Propagator, Samples
 from unc_physics.propagators.names import BUILT_IN
 
 HERE = Path(__file__).parent
@@ -42,7 +41,7 @@ def installed(tmp_path_factory):
     """A folder in which `antithetic` is installed, and a scene file."""
     folder = tmp_path_factory.mktemp("antithetic")
     install(folder, "antithetic_propagator", "antithetic")
-    content = two_bodies() | {"islands": True, "horizon": 0.2}
+    content = two_bodies() | {"horizon": 0.2}
     (folder / "scene.yaml").write_text(yaml.safe_dump(content))
     return folder
 
@@ -119,11 +118,3 @@ def test_what_cannot_be_loaded_is_left_out(installed, tmp_path):
         ("other", "halves:Half is no subclass of Propagator whose name is 'other'"),
     ):
         assert f"the propagator '{name}' is left out: {reason}" in errors
-
-
-def test_samples_that_islands_would_draw_apart_are_refused():
-    """Each island would begin with the same numbers."""
-    with pytest.raises(TypeError, match="Apart draws samples, so derive it from JointlySampledIslands"):
-
-        class Apart(Propagator, Samples, Islands):
-            pass

@@ -201,18 +201,6 @@ def test_few_samples_are_the_first_of_many_on_any_number_of_threads(at_rest):
         numba.set_num_threads(before)
 
 
-@pytest.mark.parametrize("case", ["beside", "far apart"])
-def test_islands_equal_the_joint_run(case):
-    belief = BESIDE if case == "beside" else uncertain([standing("can"), standing("brick", 1.0)])
-    for at_rest in (False, True):
-        scene = beside(at_rest=at_rest)
-        propagator = make_propagator("monte_carlo", samples=12)
-        joint = predict(scene, belief, propagator, 0.2)
-        apart = predict(replace(scene, islands=True), belief, propagator, 0.2)
-        np.testing.assert_array_equal(apart.samples(), joint.samples())
-        np.testing.assert_allclose(apart.start.mean, joint.start.mean, atol=1e-12)
-
-
 # -- what has no room ----------------------------------------------------------------------------------
 
 

@@ -94,9 +94,9 @@ def test_auto_goes_on_until_a_probability_is_known(pushed):
     assert known.low <= right <= known.high and known.rollouts == 12, "time ended it, with an interval"
 
 
-def test_auto_knows_probabilities_of_islands(pushed):
-    """Two cartons far apart, of which islands are simulated anew with as many rollouts as it takes."""
-    content = PUSH | {"islands": True, "horizon": 0.6}
+def test_auto_knows_probabilities_of_several_bodies(pushed):
+    """Two cartons far apart, with as many rollouts as it takes."""
+    content = PUSH | {"horizon": 0.6}
     content["environment"] = [PUSH["environment"][0] | {}, PUSH["environment"][1]]
     content["bodies"] = [
         PUSH["bodies"][0] | {"name": "one", "position": [0.40, -0.2, 0.0612]},

@@ -1,6 +1,5 @@
 """Times that are no multiple of the time step: answered exactly, and without a trace in later answers."""
 
-import dataclasses
 import importlib
 import json
 
@@ -208,7 +207,6 @@ def uncertain(**options):
 CASES = {
     "meeting": lambda: meeting(),
     "sleep": lambda: meeting(sleep=True),
-    "islands": lambda: meeting(islands=True),
     "actions": lambda: acted(),
     "uncertain": lambda: uncertain(),
 }
@@ -261,18 +259,6 @@ def test_fifty_times_call_each_kernel_as_often_as_one(monkeypatch, std):
         predict(scene, belief, of("monte_carlo"), 0.5, times=times)
         numbers.append(len(calls))
     assert 0 < numbers[0] == numbers[1]
-
-
-def test_islands_between_two_steps_are_the_joint_run():
-    scene, belief = meeting()
-    propagator = of("monte_carlo", samples=6)
-    joint, divided = (
-        predict(dataclasses.replace(scene, islands=on), belief, propagator, times=[*ODD, 0.5])
-        for on in (False, True)
-    )
-    for one, other in zip(joint.snapshots, divided.snapshots, strict=True):
-        np.testing.assert_allclose(one.carry.states[:, :2], other.carry.states[:, :2], rtol=0, atol=1e-12)
-        np.testing.assert_allclose(one.carry.states[:, 2], other.carry.states[:, 2], rtol=0, atol=1e-9)
 
 
 # -- what is asked for -------------------------------------------------------------------------------

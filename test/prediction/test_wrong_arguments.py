@@ -78,6 +78,16 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
             lambda: Scene.everyday(SCENE.bodies, mu=0.4),
             "mu is no argument of Scene; did you mean 'friction'? (got 0.4)",
         ),
+        *(
+            (
+                lambda made=made: made(SCENE.bodies, islands=True),
+                (
+                    "islands is no argument of Scene; it was removed in version 0.3: leave it out; for many"
+                    " bodies take 'cloud' (got True)"
+                ),
+            )
+            for made in (Scene, Scene.everyday)
+        ),
         (
             lambda: BodyBelief(pos=(0, 0, 1)),
             "pos is no argument of BodyBelief; did you mean 'position'? (got (0, 0, 1))",

@@ -234,12 +234,11 @@ def test_answers_of_its_samples(loaded):
     assert (found.method, found.rollouts) == ("samples", 32) and found.low <= found.estimate <= found.high
 
 
-@pytest.mark.parametrize("islands", [False, True])
-def test_what_is_fitted_is_fitted_once_and_goes_with_its_carry(loaded, monkeypatch, islands):
+def test_what_is_fitted_is_fitted_once_and_goes_with_its_carry(loaded, monkeypatch):
     scene, belief, _ = loaded("two_bodies")
     fits, whole = [], emission._fit
     monkeypatch.setattr(emission, "_fit", lambda *what: fits.append(1) or whole(*what))
-    prediction = predict(dataclasses.replace(scene, islands=islands), belief, "cloud", 0.8)
+    prediction = predict(scene, belief, "cloud", 0.8)
     assess(prediction)
     prediction.propagator.standard_errors(prediction.carry, prediction.scene)
     assert len(fits) == len(prediction.carry.moments) == len(prediction.carry.errors) == 1
@@ -258,23 +257,6 @@ def test_an_interval_counts_rollouts(loaded):
     assert few.low < 0.9 < many.low < 0.99 and few.rollouts == 32
     asked = predict(scene, belief, make_propagator("cloud"), 1.5, events=[Touches("left", "right")])
     assert asked.probability(Touches("left", "right")).method == "flights", "which are more"
-
-
-def test_islands_give_what_the_whole_scene_gives(loaded):
-    """Two pairs far apart: the same rollouts, and each pair's surface in its own directions."""
-    scene, belief, _ = loaded("two_bodies")
-    left, right = scene.bodies
-    bodies = [dataclasses.replace(body, name=f"{body.name}{k}") for k in range(2) for body in (left, right)]
-    mean = np.concatenate([belief.mean, belief.mean + 30.0 * np.eye(1, 13)])
-    blocks = np.concatenate([belief.blocks, belief.blocks])
-    answers = []
-    for islands in (False, True):
-        both = Scene(bodies, scene.dt, scene.stiffness, scene.damping, islands=islands)
-        answers.append(predict(both, Belief(mean, blocks), make_propagator("cloud", runs=64), 1.5).belief)
-    std = np.sqrt(np.diagonal(answers[0].blocks, axis1=1, axis2=2))[:, :3]
-    assert (np.abs(answers[0].mean - answers[1].mean)[:, :3] < 0.2 * std).all()
-    one, other = answers[1].blocks[0], answers[1].blocks[2]
-    np.testing.assert_allclose(np.sqrt(np.diagonal(one)), np.sqrt(np.diagonal(other)), rtol=0.35)
 
 
 def test_uncertain_parameters_are_directions_like_others(loaded):

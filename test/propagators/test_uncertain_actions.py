@@ -4,13 +4,12 @@ them.
 
 import numpy as np
 import pytest
-from plain_scenes import BALL, BLOCK, G, packing
+from plain_scenes import BALL, G, packing
 from scipy.spatial.transform import Rotation
 
 from unc_physics import (
     Belief,
     BodyBelief,
-    Plane,
     PosePath,
     RigidBody,
     Scene,
@@ -57,22 +56,6 @@ def test_a_throw_at_an_uncertain_time_from_an_uncertain_hand(name):
     np.testing.assert_allclose(end.linear_velocity_std[2], G * 0.01, rtol=0.06)
     np.testing.assert_allclose(prediction.body("hand").position, [0.8, 0, 0], atol=1e-12)
     assert prediction.body("hand").prescribed and not prediction.body("hand").position_std.any()
-
-
-def test_islands_know_nothing_of_actions():
-    line = PosePath(times=[0, 1], positions=[[-1.2, 0, 0.03], [2.1, 0, 0.03]])
-    bodies = [
-        RigidBody("near", BLOCK, 0.5),
-        RigidBody("far", BLOCK, 0.5),
-        RigidBody("hand", BALL, trajectory=line),
-    ]
-    ends = []
-    for islands in (False, True):
-        scene = Scene.everyday(bodies, exact=True, environment=[Plane()], islands=islands)
-        given = {name: BodyBelief(position=(x, 0, 0.02)) for name, x in (("near", 0.0), ("far", 1.0))}
-        ends.append(predict(scene, Belief.of(scene, given), "sigma_points", 1.0).belief.mean)
-    np.testing.assert_array_equal(*ends)
-    assert ends[0][1, 0] > 1.1, "the hand must have met both"
 
 
 def test_an_explicit_scene_has_prescribed_bodies_and_wrenches():

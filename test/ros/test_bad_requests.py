@@ -246,6 +246,7 @@ BAD = [
     physics("INVALID_OPTION", friction_std=0.9),
     physics("INVALID_OPTION", restitution=1.5),
     physics("INVALID_OPTION", preset="lunar"),
+    physics("INVALID_OPTION", islands=False),  # removed
     physics("INVALID_OPTION", integrator="magic"),
     physics("INVALID_OPTION", "'implicit'", integrator="robust"),
     physics(

@@ -33,7 +33,7 @@ def test_a_signal_as_soon_as_it_is_ready_ends_the_node_cleanly():
     with NodeProcess("-p", "frction:=0.3", "-p", "warm_up:=['']", name="hasty") as process:
         assert process.end() == 0  # its executor takes up services while they are taken back
         assert "Traceback" not in process.output and "abort" not in process.output
-        assert "'frction' is unknown and has no effect; is 'friction' meant?" in process.output
+        assert "'frction' is unknown and has no effect; did you mean 'friction'?" in process.output
 
 
 @pytest.mark.parametrize(
@@ -43,6 +43,7 @@ def test_a_signal_as_soon_as_it_is_ready_ends_the_node_cleanly():
         (["-p", "dt:=1"], ".*write whole numbers with a point"),
         (["--params-file", "/nonexistent.yaml"], "the command line cannot be read: Couldn't parse params"),
         (["-p", "horizons:=[]"], r"horizons must be above 0 .*got \[\]"),
+        (["-p", "islands:=true"], r"islands was removed in version 0\.3: leave it out"),
         (["-p", "tracked_topics:=['no topic!']", "-p", "tracked_models:=[can]"], "tracked_topics is no name"),
     ],
 )

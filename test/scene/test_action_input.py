@@ -222,6 +222,6 @@ def test_a_file_says_what_python_says():
         ("trajectory", 1, 0),
         ("trajectory", 1, 5),
     ]
-    assert scene.moving.tolist() == [0] and scene.acts and scene.shared_parameters
+    assert scene.moving.tolist() == [0] and scene.acts
     np.testing.assert_array_equal(scene.environment[0].moving_surface, [1 - 0, 0 - 0, 0, 0, 0, 2])
     assert scene.environment[0].torsional_friction == 0.003

@@ -70,8 +70,6 @@ def test_each_material_that_is_uncertain_is_a_direction(model):
         ("friction", 2, 0, 0.1),
     ]
     assert draw_parameters(scene, 7, 1).shape == (7, 5)
-    assert scene.shared_parameters
-    assert not implicit([bodies[0]]).shared_parameters
 
 
 def test_uncertain_materials_vary_by_their_laws(model):

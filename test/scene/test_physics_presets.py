@@ -51,7 +51,7 @@ def at_rest(count=1):
 def assert_everyday(scene):
     assert scene.integrator == "implicit" and scene.dt == 1.0 / 240.0 and scene.stiffness is None
     assert scene.gravity.tolist() == [0.0, 0.0, -9.81] and scene.gyroscopic
-    assert scene.damping == 0.0 and not scene.islands and not scene.sleep
+    assert scene.damping == 0.0 and not scene.sleep
 
 
 UNCERTAIN = ("friction_std", "restitution_std", *IMPACT_STDS)
@@ -130,7 +130,6 @@ def test_nothing_is_uncertain_where_nothing_can_touch(model):
         ("restitution", 0.7),
         ("damping", 0.3),
         ("sleep", True),
-        ("islands", True),
         ("friction", 0.0),
     ],
 )

@@ -62,7 +62,7 @@ def test_what_a_file_does_not_name_is_not_there(entries):
     scene = scene_from_dict(content).scene
     assert scene.dt == 0.01 and scene.stiffness == 1e4 and not scene.gravity.any()
     assert scene.environment == () and scene.friction is None and scene.restitution is None
-    assert not scene.gyroscopic and not scene.islands and scene.integrator == "explicit"
+    assert not scene.gyroscopic and scene.integrator == "explicit"
     assert scene.overlap == "keep" and not any(body.at_rest for body in scene.bodies)
     assert scene.uncertain == () and scene.world.environment is None
 
@@ -73,7 +73,6 @@ def test_what_a_file_does_not_name_is_not_there(entries):
         ("friction", 0.5),
         ("restitution", 0.3),
         ("gyroscopic", True),
-        ("islands", True),
         ("sleep", True),
         ("overlap", "reject"),
         ("overlap", "keep"),

@@ -24,6 +24,8 @@ _ELSEWHERE = {
     "velocity": "linear_velocity",
     "omega": "angular_velocity",
 }
+#: Names of earlier versions, and what to do instead.
+_REMOVED = {"islands": "removed in version 0.3: leave it out; for many bodies take 'cloud'"}
 Class = TypeVar("Class", bound=type)
 
 
@@ -37,13 +39,23 @@ def hint(name: str, known: Iterable[str]) -> str:
 
 
 def suggestion(name: object, known: Iterable[str]) -> str:
-    """Return the end of a sentence about an unknown name: the known name that is meant, or nothing."""
+    """Return the end of a sentence about an unknown name: the known name that is meant, or nothing.
+
+    Of a name from an earlier version it says when it was removed, and what to do.
+    """
     known = list(known)
     if not isinstance(name, str):
         return ""
+    if name in _REMOVED:
+        return f"; it was {_REMOVED[name]}"
     close = [own for own in [_ELSEWHERE.get(name)] if own in known]
     close += difflib.get_close_matches(name[:50], known, n=1)
     return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def removed(name: str) -> str | None:
+    """Return the problem of a name from an earlier version; None of other names."""
+    return f"was {_REMOVED[name]}" if name in _REMOVED else None
 
 
 def one_of(name: object, known: Iterable[str]) -> str:

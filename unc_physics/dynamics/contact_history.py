@@ -1,6 +1,5 @@
 """Contact data that rollouts carry from step to step in addition to their states."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -146,43 +145,24 @@ def _pairs_of(values, bodies):
     return np.ascontiguousarray(values[:, bodies][:, :, columns])
 
 
-def joined(histories: Sequence[ContactHistory], rows: Sequence, bodies: Sequence, world) -> ContactHistory:
-    """Combine histories of groups of bodies that never touched each other.
+def with_another_body(history):
+    """Return the history with one more body after the others, which has touched nothing yet."""
 
-    Parameters
-    ----------
-    histories : sequence of ContactHistory
-    rows : sequence of (n,) int arrays
-        Indices in the joint history of each history's rollouts. The remaining rollouts follow each history's
-        first rollout, from which they do not differ yet.
-    bodies : sequence of (b,) int arrays
-        Indices in the joint history of each history's bodies.
-    world : World
-        World of the joint history.
-    """
-    count = 1 + max(int(np.max(own)) for own in rows)
-    history = fresh(count, world)
-    if any(own.solver is not None and own.solver.kept_overlap.size for own in histories):
-        kept = np.zeros_like(history.first_time)
-        history = history._replace(solver=history.solver._replace(kept_overlap=kept))
-    for own, some, k in zip(histories, bodies, rows, strict=True):
-        some, followed = np.asarray(some), np.zeros(count, np.int64)
-        followed[k] = np.arange(len(k))
-        _add_pairs(history.first_time, own.first_time, some, followed)
-        if history.solver is not None:
-            implicit_world.add_bodies(history.solver, own.solver, some, followed)
-            _add_pairs(history.solver.kept_overlap, own.solver.kept_overlap, some, followed)
-            for values, others in zip(history.start or (), own.start or (), strict=True):
-                values[:, some] = others[followed]
-    return history
+    def larger(pairs, value):  # (N, B, B + E): elements come after all bodies
+        return np.insert(np.insert(pairs, bodies, value, axis=1), bodies, value, axis=2)
 
-
-def _add_pairs(values, own, some, followed):
-    """Write one history's entries of pairs of bodies, and of bodies and elements, into the joint history."""
-    if own.shape[1] == 0:
-        return
-    columns = np.concatenate([some, np.arange(values.shape[1], values.shape[2])])
-    values[np.ix_(np.arange(len(values)), some, columns)] = own[followed]
+    bodies, solver = history.first_time.shape[1], history.solver
+    first = larger(history.first_time, np.inf)
+    if solver is None:
+        return ContactHistory(first, None, None)
+    new = fresh_solver_memory(len(first), bodies + 1)
+    for name in ("contact", "force", "rest_steps", "residual"):
+        old = getattr(solver, name)
+        getattr(new, name)[:, : old.shape[1]] = old
+    kept = solver.kept_overlap
+    kept = larger(kept, 0.0) if kept.size else kept
+    start = InitialAdjustment(*(np.insert(values, bodies, 0.0, axis=1) for values in history.start))
+    return ContactHistory(first, new._replace(count=solver.count, kept_overlap=kept, key=solver.key), start)
 
 
 def stacked(history, others):

@@ -93,20 +93,6 @@ class Implicit(NamedTuple):
     impact_slipperiness: float
     stop: np.ndarray = NEVER
 
-    def of_bodies(self, bodies):
-        """Return the physics of some bodies (ascending indices) and of all elements."""
-        some = np.concatenate([bodies, np.arange(len(self.hull_range), len(self.friction))])
-        return self._replace(
-            friction=self.friction[some],
-            restitution=self.restitution[some],
-            torsion=self.torsion[some],
-            hull_range=self.hull_range[bodies],
-            face_range=self.face_range[bodies],
-            extent=self.extent[bodies],
-            box=self.box[bodies],
-            impact_error=self.impact_error._replace(identity=self.impact_error.identity[some]),
-        )
-
 
 class SolverMemory(NamedTuple):
     """Solver state that N rollouts carry from step to step.
@@ -193,21 +179,6 @@ def of_bodies(memory, bodies, kept_overlap):
         kept = place[contact[:, 0]] >= 0
         _append(own, n, _renumbered(contact[kept], place), memory.force[n, : memory.count[n]][kept])
     return own
-
-
-def add_bodies(memory, own, bodies, followed):
-    """Add the memory of some bodies, which touched no others, to a joint memory.
-
-    Rollout n of the joint memory follows rollout ``followed[n]`` of theirs.
-    """
-    memory.rest_steps[:, bodies], memory.residual[:, bodies] = (
-        own.rest_steps[followed],
-        own.residual[followed],
-    )
-    memory.key[:] = own.key[followed]
-    for n in np.flatnonzero(own.count[followed]):
-        k = followed[n]
-        _append(memory, n, _renumbered(own.contact[k, : own.count[k]], bodies), own.force[k, : own.count[k]])
 
 
 def _renumbered(contact, place):

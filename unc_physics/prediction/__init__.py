@@ -1,6 +1,6 @@
 """Predictions of scenes, their probabilities and status, and the ranking of actions.
 
-- Run a prediction: `predict` checks and assembles, `driver` calls the propagator, `islands` divides a scene.
+- Run a prediction: `predict` checks and assembles, `driver` calls the propagator.
   `request_checks` and `compute_budget` hold its limits.
 - Result: `prediction` with a `snapshot` for each time, `predicted_body`, `tables`.
 - Probabilities: `events` and `event_entries` (events in files), `regions`, `probability`, `first_contacts`.

@@ -203,8 +203,6 @@ def _may_have_wrapped(evidence):
 
 def sampled_snapshots(scene, initial, marks, count, seed=_SEED):
     """Return the snapshots of ``count`` rollouts at marks, as of `marks_of`."""
-    if len(scene.bodies) > 2 and not scene.islands:
-        scene = replace(scene, islands=True)  # faster; the change of rollouts does not matter here
     propagator = BalancedMonteCarlo(samples=count, seed=seed)
     check_supported(scene, propagator)
     check_memory(scene, initial, propagator, len(marks))

@@ -345,8 +345,7 @@ def point_turn(evidence):
     start, moving = evidence.start, evidence.scene.moving
     if start.directions is None or not len(moving):
         return None
-    count = start.directions if evidence.scene.islands else start.directions.sum()
-    far = np.sqrt(count + len(evidence.scene.uncertain) + 0.5)
+    far = np.sqrt(start.directions.sum() + len(evidence.scene.uncertain) + 0.5)
     largest = np.linalg.eigvalsh(start.blocks[:, ERR_ROTATION, ERR_ROTATION])[:, -1]
     result = np.zeros(len(evidence.scene.bodies))
     result[moving] = far * np.sqrt(np.maximum(largest, 0.0)) / math.pi
@@ -536,24 +535,18 @@ def left_out(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     30.0,
-    f"too many uncertain directions for the method's points; set islands: true, or take {_SAMPLED}",
+    f"too many uncertain directions for the method's points; take {_SAMPLED}",
     in_contact=True,
     unless_compared=True,
 )
 def directions(evidence):
-    """Number of uncertain directions of the bodies whose points are spread together. Points lie farther out
+    """Number of uncertain directions of the scene. Points lie farther out
     the more there are. It raises no flag where the spread was compared with that of rollouts.
     """
     scene, of_moving = evidence.scene, evidence.start.directions
     if of_moving is None:
         return None
-    own = np.zeros(len(scene.bodies))
-    own[scene.moving] = of_moving
-    if scene.islands and not scene.shared_parameters:
-        shared = np.bincount(evidence.group, own, len(own))[evidence.group]
-    else:
-        shared = np.full(len(own), own.sum())
-    return shared + len(scene.uncertain)
+    return np.full(len(scene.bodies), float(of_moving.sum() + len(scene.uncertain)))
 
 
 @_measure(

@@ -16,7 +16,7 @@ from ..compiler.compile_time import clock
 from ..compiler.threads import watched
 from ..dynamics.contact_history import ContactHistory
 from ..propagators.balanced_monte_carlo import WideMonteCarlo
-from ..propagators.base import Anytime, Islands, PointPairs, Propagator, Samples, Spent, rollout_count
+from ..propagators.base import Anytime, PointPairs, Propagator, Samples, Spent, rollout_count
 from ..propagators.names import POINTS
 from ..propagators.registry import make_propagator
 from ..propagators.start import constrain_belief
@@ -26,7 +26,6 @@ from ..scene.marks import Mark, whole
 from ..scene.scene import Scene
 from .compute_budget import LOOK_UP_AFTER, ComputeBudget, first_piece
 from .events import Event, RolloutOutcomes
-from .islands import IslandRunner
 from .probability import NORMAL_QUANTILE, interval
 from .rare_outcomes import WIDE_ROLLOUTS, tail_factors
 from .snapshot import Snapshot
@@ -153,27 +152,6 @@ def run(
     return _Propagation(scene, given, propagator, marks, compute_budget, events).run(progress)
 
 
-class _JointRunner:
-    """Propagation of all bodies of a scene together, called as `IslandRunner`."""
-
-    def __init__(self, propagator: Any, scene: Scene, rollouts: tuple[int, int] | None = None):
-        self._propagator, self._scene, self._rollouts = propagator, scene, rollouts
-
-    def init(self, belief):
-        if self._rollouts is None:
-            return self._propagator.init(self._scene, belief)
-        return self._propagator.init_rollouts(self._scene, belief, *self._rollouts)
-
-    def advance_through(self, carry, marks):
-        return self._propagator.advance_through(carry, self._scene, marks)
-
-    def belief(self, carry):
-        return self._propagator.belief(carry, self._scene)
-
-    def whole(self, carry):
-        return carry
-
-
 class _Propagation:
     """Propagation of one belief to all marks; the parameters are those of `run`."""
 
@@ -191,60 +169,52 @@ class _Propagation:
                 raise compute_budget.error(0.0, marks[-1].time)
             belief, self._points_history = resolved
         self._belief = belief
-        # shared parameters correlate all bodies, fixed bodies form no island, and the bounds of islands do
-        # not include prescribed paths
-        divisible = len(scene.moving) > 0 and not scene.shared_parameters and not scene.acts
-        self._in_islands = scene.islands and divisible and isinstance(propagator, Islands)
         self._snapshots: list[Snapshot] = []
         self._first: Any = None  # carry at time 0
 
     def run(self, progress):
         """Return the `PropagationResult`."""
-        scene, runner = self._scene, self._runner(self._marks)
-        propagator: Any = self._propagator
+        scene, propagator = self._scene, self._propagator
         # snapshots of resampled rollouts share computations with the last one, so they are made at the end
-        waits = isinstance(self._propagator, Samples) and self._propagator.resamples
+        waits = isinstance(propagator, Samples) and propagator.resamples
         waiting: list[tuple[Mark, Any]] = []
         try:
-            for mark, carry in simulate(
-                partial(runner.init, self._belief),
-                runner.advance_through,
-                self._marks,
-                scene,
-                self._compute_budget,
-                progress,
-            ):
+            begin = partial(propagator.init, scene, self._belief)
+            for mark, carry in self._simulate(begin, self._marks, progress):
                 if mark.time == 0.0:
                     self._first = carry
                 elif waits:
-                    waiting.append((mark, runner.whole(carry)))
+                    waiting.append((mark, carry))
                 else:
-                    belief = runner.belief(carry)
-                    self._snapshots.append(snapshot(propagator, scene, runner.whole(carry), mark, belief))
+                    self._snapshots.append(snapshot(propagator, scene, carry, mark))
         except DivergedError:
             raise
         except UncPhysicsError as error:
-            error.prediction = self._result(runner, waiting) if self._snapshots or waiting else None
+            error.prediction = self._result(waiting) if self._snapshots or waiting else None
             raise
-        if not isinstance(self._propagator, Anytime):
-            return self._result(runner, waiting)
+        if not isinstance(propagator, Anytime):
+            return self._result(waiting)
         waiting, wide = self._with_additional_rollouts(waiting)
-        result = self._result(runner, waiting)
+        result = self._result(waiting)
         pairs = zip(result.snapshots, wide, strict=True)
         return result._replace(
             snapshots=tuple(one if states is None else replace(one, wide=states) for one, states in pairs)
         )
 
-    def _runner(self, marks, rollouts=None) -> IslandRunner | _JointRunner:
-        if self._in_islands:
-            return IslandRunner(self._propagator, self._scene, marks, rollouts)
-        return _JointRunner(self._propagator, self._scene, rollouts)
+    def _simulate(self, begin, marks, progress=None):
+        """Yield carries as `simulate`."""
+        scene, propagator = self._scene, self._propagator
 
-    def _result(self, runner, waiting):
+        def advance_through(carry, marks):
+            return propagator.advance_through(carry, scene, marks)
+
+        return simulate(begin, advance_through, marks, scene, self._compute_budget, progress)
+
+    def _result(self, waiting):
         """Return the `PropagationResult` with the snapshots of the carries that waited."""
         self._snapshots.extend(_snapshots_of(self._propagator, self._scene, waiting))
-        moved = are_moved_at_start(self._scene, runner.whole(self._first))
-        start = runner.belief(self._first) if moved else self._initial
+        moved = are_moved_at_start(self._scene, self._first)
+        start = self._propagator.belief(self._first, self._scene) if moved else self._initial
         return PropagationResult(self._initial, start, tuple(self._snapshots), self._points_history)
 
     def _with_additional_rollouts(self, waiting):
@@ -285,15 +255,15 @@ class _Propagation:
 
     def _additional_carries(self, marks, first, last):
         """Return the carries of rollouts ``first`` to ``last`` at each mark; None if time ran out."""
-        compute_budget, runner = self._compute_budget, self._runner(marks, (first, last))
-        begin = partial(runner.init, self._belief)
+        compute_budget = self._compute_budget
+        begin = partial(self._propagator.init_rollouts, self._scene, self._belief, first, last)
         try:
-            _, *additional = simulate(begin, runner.advance_through, marks, self._scene, compute_budget)
+            _, *additional = self._simulate(begin, marks)
         except PredictionTimeoutError:  # the complete rollouts are an answer
             if compute_budget.limit is not None:
                 compute_budget.limit.resume()
             return None
-        return [runner.whole(carry) for _, carry in additional]
+        return [carry for _, carry in additional]
 
     def _probability_errors(self, waiting):
         """Return half widths (T E,) of the intervals of events at all times, in standard deviations."""
@@ -341,19 +311,8 @@ def _unchanged(carry, later):
     )
 
 
-def snapshot(
-    propagator: Propagator, scene: Scene, carry: Any, mark: Mark, belief: Belief | None = None
-) -> Snapshot:
-    """Return the snapshot of a carry of all bodies at a mark.
-
-    Parameters
-    ----------
-    propagator : Propagator
-    scene : Scene
-    carry : NamedTuple
-    mark : Mark
-    belief : Belief, optional
-        Belief of the carry, by default from the propagator; islands combine theirs.
+def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark) -> Snapshot:
+    """Return the snapshot of a carry at a mark.
 
     Raises
     ------
@@ -361,7 +320,7 @@ def snapshot(
         If the belief is not finite.
     """
     time = mark.time
-    belief = propagator.belief(carry, scene) if belief is None else belief
+    belief = propagator.belief(carry, scene)
     mean = with_kinematic(scene, belief.mean, time)  # the paths of prescribed bodies
     if mean is not belief.mean:
         belief = Belief.trusted(mean, belief.covariance, belief.moving)

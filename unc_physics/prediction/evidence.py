@@ -28,7 +28,6 @@ from ..spatial.layout import (
 from ..spatial.moments import pose_spreads
 from ..spatial.rotation import rotation_matrix
 from .conservation_checks import conserves_energy
-from .islands import merged
 from .probability import is_deterministic
 from .rare_outcomes import tail_factors
 from .snapshot import Snapshot
@@ -98,9 +97,6 @@ class Evidence:
         states, asymmetries = snapshot.rollout_states, None
         if snapshot.points is not None:
             states = snapshot.points
-            if scene.islands:
-                # islands' points are joined by moving them farther out: the central one alone was simulated
-                states = states[:1]
             asymmetries = _sigma_point_asymmetries(
                 scene, start, opposite_points(snapshot.points, scene.moving)
             )
@@ -159,9 +155,12 @@ class Evidence:
     @cached_property
     def group(self) -> np.ndarray:
         """(B,) int: the same number for bodies that touched, directly or through others."""
-        bodies = np.arange(len(self.scene.bodies))
-        pairs = np.argwhere(self.touched[:, : len(bodies)])
-        return merged(bodies, pairs) if len(pairs) else bodies
+        count = len(self.scene.bodies)
+        joined = self.touched[:, :count] | self.touched[:, :count].T | np.eye(count, dtype=bool)
+        group, before = np.arange(count), None
+        while before is None or (group != before).any():  # the lowest number spreads along contacts
+            group, before = np.where(joined, group, count).min(axis=1), group
+        return group
 
     @cached_property
     def own_measures(self) -> dict[str, np.ndarray]:

@@ -77,10 +77,6 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
                 field=f"torsional_friction of '{thing_names(scene)[k]}'",
                 value=surface.torsional_friction,
             )
-    if scene.islands and getattr(propagator, "reduce", False):
-        raise NotSupportedError(
-            "does not go with islands, which have no common motion; leave out either", field="reduce"
-        )
     supported = (*propagator.supports.parameters, *Materials._fields)
     unsupported = [parameter for parameter in scene.uncertain if parameter.name not in supported]
     if unsupported:

@@ -18,8 +18,6 @@ from ..dynamics import contact_history as histories
 from ..scene.belief import Belief
 from ..scene.marks import Mark
 from ..scene.scene import Scene
-from .free_flight import Flight
-from .joining import JointIsland, Part
 from .options import Option
 
 SAMPLES_LIMIT = 10_000_000
@@ -162,7 +160,7 @@ class Samples(ABC):
         """Return the states (N, B, 13) that the answer consists of."""
 
     def rollout_states(self, carry: Any, scene: Scene) -> np.ndarray:
-        """Return the simulated states (R, B, 13), by default `own_samples`; islands keep them apart."""
+        """Return the simulated states (R, B, 13); by default `own_samples`."""
         return self.own_samples(carry, scene)
 
     def share_caches(self, carries: Sequence[Any]) -> None:
@@ -235,69 +233,6 @@ class Anytime(Rollouts):
     def looks_far(self, carry: Any, scene: Scene) -> bool:
         """Return whether to search for rare outcomes before the prediction ends (`Spent.rare`)."""
         return False
-
-
-class Islands(ABC):
-    """Capability: bodies that cannot meet are propagated apart, each group with its own carry.
-
-    Without it all bodies of a scene are propagated together. A method that draws samples is derived from
-    `JointlySampledIslands`: drawn island by island, the same seed would give each of them the same numbers.
-
-    Raises
-    ------
-    TypeError
-        When a class is made that has `Samples` and this, without `JointlySampledIslands`.
-    """
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        if issubclass(cls, Samples) and not issubclass(cls, JointlySampledIslands):
-            raise TypeError(
-                f"{cls.__name__} draws samples, so derive it from JointlySampledIslands in place of Islands"
-            )
-
-    @abstractmethod
-    def join(self, carries: Sequence[Any], parts: Sequence[Part], joint: JointIsland) -> Any:
-        """Return one carry for the bodies of several islands, which were independent of each other.
-
-        Parameters
-        ----------
-        carries : sequence
-            Of the islands, after equally many steps.
-        parts : sequence of Part
-            Where each island's bodies are among the joint ones (`joining.joined_means`,
-            `joining.joined_blocks`, `joining.joined_history`).
-        joint : JointIsland
-            The joint bodies.
-        """
-
-
-class JointlySampledIslands(Islands):
-    """Capability: islands, of a propagator that draws the states of all bodies jointly at time 0."""
-
-    @abstractmethod
-    def part(self, carry: Any, bodies: np.ndarray, parameters: Sequence[int]) -> Any:
-        """Return an island's carry, from that of all bodies.
-
-        Parameters
-        ----------
-        carry : NamedTuple
-        bodies : (b,) int array
-            The island's bodies, ascending.
-        parameters : sequence of int
-            Indices of those of the scene's uncertain parameters that belong to them.
-        """
-
-
-class ClosedFormFlight(ABC):
-    """Capability: a single body without contacts moves many steps at once.
-
-    Without it flights are simulated step by step.
-    """
-
-    @abstractmethod
-    def propagate_flight(self, carry: Any, flight: Flight) -> Any:
-        """Return the carry of a single body after a free flight."""
 
 
 class PointPairs(ABC):

@@ -14,21 +14,9 @@ from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
-from ..spatial.layout import ERROR
 from ..spatial.moments import spread_states
-from .base import (
-    SAMPLES_LIMIT,
-    ClosedFormFlight,
-    JointlySampledIslands,
-    Rollouts,
-    Samples,
-    StandardErrors,
-    Supports,
-    Traits,
-)
+from .base import SAMPLES_LIMIT, Rollouts, Samples, StandardErrors, Supports, Traits
 from .emission import Moments, Runs, Shared, belief_of, emitted, labelled, whitened
-from .free_flight import after_flight
-from .joining import joined_history, joined_means
 from .options import option
 from .reduction import reduction, symmetric
 from .rollouts import SimulatedRollouts
@@ -95,7 +83,7 @@ class CloudCarry(_Carry):
 
 
 @dataclass(frozen=True)
-class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedFormFlight):
+class Cloud(SimulatedRollouts, Samples, Rollouts):
     """Quasi-random rollouts with a response surface.
 
     Notes
@@ -165,55 +153,6 @@ class Cloud(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands, ClosedF
         for carry in carries[:-1]:
             carry.shared[:] = carries[-1].shared
             carry.runs.clear()
-
-    def join(self, carries, parts, joint):
-        states = np.tile(joint.mean, (len(carries[0].states), 1, 1))
-        moving = np.zeros(joint.moving, np.int64)
-        parameters = np.zeros((len(states), joint.parameters))
-        roots, columns, simulated = [], [], []
-        own_columns, own_simulated = np.zeros(joint.parameters, np.int64), np.zeros(joint.parameters, bool)
-        for carry, part in zip(carries, parts, strict=True):
-            size = carry.root.shape[1]
-            states[:, part.bodies] = carry.states
-            parameters[:, part.parameters] = carry.parameters
-            moving[part.moving] = part.bodies[carry.moving]
-            root = np.zeros((joint.moving, ERROR, size))
-            root[part.moving] = carry.root.reshape(len(carry.moving), ERROR, size)
-            roots.append(root.reshape(ERROR * joint.moving, size))
-            columns.append(carry.columns[:size])
-            simulated.append(carry.simulated[:size])
-            own_columns[part.parameters] = carry.columns[size:]
-            own_simulated[part.parameters] = carry.simulated[size:]
-        return carries[0]._replace(
-            states=states,
-            contact_history=joined_history(carries, parts, joint),
-            parameters=parameters,
-            mean=joined_means(carries, parts, joint),
-            root=np.concatenate(roots, axis=1),
-            moving=moving,
-            columns=np.concatenate([*columns, own_columns]),
-            simulated=np.concatenate([*simulated, own_simulated]),
-        )
-
-    def part(self, carry, bodies, parameters):
-        size = carry.root.shape[1]
-        some = np.isin(carry.moving, bodies)
-        root = carry.root.reshape(len(carry.moving), ERROR, size)[some]
-        used = np.flatnonzero(root.any(axis=(0, 1)))
-        places = np.concatenate([used, size + np.asarray(parameters, np.int64)])
-        return carry._replace(
-            states=np.ascontiguousarray(carry.states[:, bodies]),
-            contact_history=histories.of_bodies(carry.contact_history, bodies),
-            parameters=np.ascontiguousarray(carry.parameters[:, parameters]),
-            mean=carry.mean[bodies],
-            root=np.ascontiguousarray(root[:, :, used].reshape(ERROR * len(root), len(used))),
-            moving=np.searchsorted(bodies, carry.moving[some]),
-            columns=carry.columns[places],
-            simulated=carry.simulated[places],
-        )
-
-    def propagate_flight(self, carry, flight):
-        return carry._replace(states=after_flight(carry.states, flight), step=carry.step + flight.steps)
 
     @property
     def own_sample_count(self):

@@ -31,11 +31,9 @@ from ..scene.physics_keys import INTEGRATORS
 from ..spatial.layout import ERROR
 from ..spatial.rotation import cross, rotate
 from .action_directions import directions, start_root
-from .base import ClosedFormFlight, ContactModes, Islands, Propagator, Supports, Traits
+from .base import ContactModes, Propagator, Supports, Traits
 from .contact_derivative import contact_root, kick_column, moved_by_column
-from .free_flight import after_flight, transition
 from .implicit_linearization import advance_root
-from .joining import joined_history, joined_means
 from .start import resolve_initial_overlap
 
 
@@ -54,7 +52,7 @@ class LinearizationCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Linearization(Propagator, Islands, ClosedFormFlight, ContactModes):
+class Linearization(Propagator, ContactModes):
     """Joint covariance through the derivative of each step (Eqs. 7 to 10).
 
     Notes
@@ -92,32 +90,8 @@ class Linearization(Propagator, Islands, ClosedFormFlight, ContactModes):
     def belief(self, carry, scene):
         return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
 
-    def join(self, carries, parts, joint):
-        root = np.zeros((joint.moving, ERROR, sum(carry.root.shape[1] for carry in carries)))
-        column = 0
-        for carry, part in zip(carries, parts, strict=True):
-            rank = carry.root.shape[1]
-            root[part.moving, :, column : column + rank] = carry.root.reshape(len(part.moving), ERROR, rank)
-            column += rank
-        judged = len(carries[0].contact_mode_uncertain_since) > 0
-        uncertain = np.full(len(joint.mean) if judged else 0, np.inf)
-        for carry, part in zip(carries, parts, strict=True) if judged else ():
-            uncertain[part.bodies] = np.minimum(uncertain[part.bodies], carry.contact_mode_uncertain_since)
-        return carries[0]._replace(
-            mean=joined_means(carries, parts, joint),
-            root=root.reshape(ERROR * joint.moving, -1),
-            contact_history=joined_history(carries, parts, joint),
-            contact_mode_uncertain_since=uncertain,
-        )
-
     def contact_mode_uncertain_since(self, carry):
         return carry.contact_mode_uncertain_since if len(carry.contact_mode_uncertain_since) else None
-
-    def propagate_flight(self, carry, flight):
-        A = transition(carry.mean[0], flight.course, True)
-        return carry._replace(
-            mean=after_flight(carry.mean, flight), root=A @ carry.root, step=carry.step + flight.steps
-        )
 
 
 class DominantContacts(NamedTuple):

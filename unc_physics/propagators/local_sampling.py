@@ -12,10 +12,8 @@ from ..dynamics.contact_history import ContactHistory
 from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
-from .base import ClosedFormFlight, Islands, Propagator, Traits
-from .free_flight import after_flight, transition
+from .base import Propagator, Traits
 from .implicit_local_sampling import advance_solved_covariances
-from .joining import joined_blocks, joined_history, joined_means
 from .local_clouds import advance_covariances
 from .options import option
 from .sampled_contacts import TABLE
@@ -38,7 +36,7 @@ class LocalSamplingCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalSampling(Propagator, Islands, ClosedFormFlight):
+class LocalSampling(Propagator):
     """Local sampling, one body at a time (Eqs. 30 to 35).
 
     Notes
@@ -78,18 +76,3 @@ class LocalSampling(Propagator, Islands, ClosedFormFlight):
     def belief(self, carry, scene):
         P = 0.5 * (carry.covariance + carry.covariance.transpose(0, 2, 1))
         return Belief.trusted(carry.mean.copy(), P, scene.moving)
-
-    def join(self, carries, parts, joint):
-        return carries[0]._replace(
-            mean=joined_means(carries, parts, joint),
-            covariance=joined_blocks([carry.covariance for carry in carries], parts, joint),
-            contact_history=joined_history(carries, parts, joint),
-        )
-
-    def propagate_flight(self, carry, flight):
-        A = transition(carry.mean[0], flight.course, False)
-        return carry._replace(
-            mean=after_flight(carry.mean, flight),
-            covariance=A @ carry.covariance @ A.T,
-            step=carry.step + flight.steps,
-        )

@@ -15,9 +15,8 @@ from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS, Scene
 from ..spatial.moments import mean_and_errors, second_moment, spread_states
-from .base import SAMPLES_LIMIT, JointlySampledIslands, Rollouts, Samples, Supports, Traits
+from .base import SAMPLES_LIMIT, Rollouts, Samples, Supports, Traits
 from .free_flight import course_of
-from .joining import joined_history
 from .options import option
 from .reduction import common_covariance, moved_in_common, reduction, symmetric
 from .rollouts import SimulatedRollouts
@@ -42,7 +41,7 @@ class MonteCarloCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MonteCarlo(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands):
+class MonteCarlo(SimulatedRollouts, Samples, Rollouts):
     """Monte Carlo sampling.
 
     Notes
@@ -123,23 +122,6 @@ class MonteCarlo(SimulatedRollouts, Samples, Rollouts, JointlySampledIslands):
         if carry.motion.size:
             P += common_covariance(carry.motion, course_of(scene.world, carry.step), len(scene.moving))
         return Belief.trusted(mean, P, scene.moving)
-
-    def join(self, carries, parts, joint):
-        count = len(carries[0].states)
-        states, z = np.tile(joint.mean, (count, 1, 1)), np.zeros((count, joint.parameters))
-        for carry, part in zip(carries, parts, strict=True):
-            states[:, part.bodies] = carry.states
-            z[:, part.parameters] = carry.parameters
-        return carries[0]._replace(
-            states=states, contact_history=joined_history(carries, parts, joint), parameters=z
-        )
-
-    def part(self, carry, bodies, parameters):
-        return carry._replace(
-            states=np.ascontiguousarray(carry.states[:, bodies]),
-            contact_history=histories.of_bodies(carry.contact_history, bodies),
-            parameters=np.ascontiguousarray(carry.parameters[:, parameters]),
-        )
 
     @property
     def own_sample_count(self):

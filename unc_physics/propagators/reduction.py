@@ -21,12 +21,12 @@ _NEGLIGIBLE = 1e-9  # singular values, relative to the largest, of combinations 
 
 
 def symmetric(scene: Scene) -> bool:
-    """Return whether the bodies of a scene can meet only each other, and are not divided into islands.
+    """Return whether the bodies of a scene can meet only each other.
 
     With drag the result is false, as drag depends on the velocity in the world frame.
     """
     alone = len(scene.moving) == len(scene.bodies) and not scene.environment
-    return alone and not scene.islands and not any(body.drag for body in scene.bodies)
+    return alone and not any(body.drag for body in scene.bodies)
 
 
 class Reduction(NamedTuple):

@@ -15,11 +15,9 @@ from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERROR
 from ..spatial.moments import mean_and_errors, second_moment, spread_states, symmetric_root
-from .base import ClosedFormFlight, Islands, PointPairs, Supports, Traits
-from .free_flight import after_flight, course_of
-from .joining import joined_history
+from .base import PointPairs, Supports, Traits
+from .free_flight import course_of
 from .options import option
-from .point_errors import errors_about_first
 from .reduction import common_covariance, reduction, symmetric
 from .rollouts import SimulatedRollouts
 from .start import resolve_initial_overlap
@@ -42,7 +40,7 @@ class SigmaPointCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
+class SigmaPoints(SimulatedRollouts, PointPairs):
     """Persistent sigma points.
 
     Notes
@@ -95,33 +93,6 @@ class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
             P += common_covariance(carry.motion, course_of(scene.world, carry.step), len(scene.moving))
         return Belief.trusted(mean, P, scene.moving)
 
-    def join(self, carries, parts, joint):
-        """Join the points of all islands; with more directions, all points are farther from the mean.
-
-        Odd parts of the points' errors grow by the factor, even parts by its square.
-        """
-        counts = [len(carry.states) // 2 for carry in carries]
-        total = sum(counts)
-        states = np.tile(joint.mean, (2 * total + 1, 1, 1))
-        z = np.zeros((2 * total + 1, joint.parameters))
-        rows, first = [], 1
-        for carry, part, count in zip(carries, parts, counts, strict=True):
-            plus = np.arange(first, first + count)
-            first += count
-            own = np.concatenate([[0], plus, plus + total])
-            far = np.sqrt((total + 0.5) / (count + 0.5))
-            wide = _widened(carry.states, far) if count < total else carry.states
-            states[:, part.bodies] = wide[0]
-            states[np.ix_(own, part.bodies)] = wide
-            z[np.ix_(own, part.parameters)] = carry.parameters * far
-            rows.append(own)
-        return carries[0]._replace(
-            states=states, contact_history=joined_history(carries, parts, joint, rows), parameters=z
-        )
-
-    def propagate_flight(self, carry, flight):
-        return carry._replace(states=after_flight(carry.states, flight), step=carry.step + flight.steps)
-
     def point_count(self, scene, belief):
         rank = ERROR * len(belief.moving)
         if self.points == "minimal":  # a direction without variance is none
@@ -136,14 +107,3 @@ class SigmaPoints(SimulatedRollouts, PointPairs, Islands, ClosedFormFlight):
             return np.full(len(initial.moving), ERROR)
         values = np.linalg.eigvalsh(initial.blocks)
         return (values > 1e-14 * values[:, -1:]).sum(axis=1)
-
-
-def _widened(states, factor):
-    """Return sigma points (2 n + 1, B, 13) farther from the mean by a factor, for smaller weights."""
-    errors = errors_about_first(states)
-    count = len(states) // 2
-    plus, minus = errors[1 : count + 1], errors[count + 1 :]
-    odd, even = 0.5 * factor * (plus - minus), 0.5 * factor**2 * (plus + minus)
-    return spread_states(
-        states[0].copy(), np.arange(states.shape[1]), np.concatenate([errors[:1], even + odd, even - odd])
-    )

@@ -13,10 +13,8 @@ from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
 from ..spatial.moments import symmetric_root
-from .base import ClosedFormFlight, Islands, Propagator, Traits
-from .free_flight import after_flight, transition
+from .base import Propagator, Traits
 from .implicit_surrogate import advance_solved_roots
-from .joining import joined_blocks, joined_history, joined_means
 from .options import option
 from .start import resolve_initial_overlap
 from .surrogate_contacts import advance_roots
@@ -35,7 +33,7 @@ class SurrogateCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Surrogate(Propagator, Islands, ClosedFormFlight):
+class Surrogate(Propagator):
     """Square-root surrogate model, one body at a time (Eqs. 11 to 24).
 
     Notes
@@ -72,16 +70,3 @@ class Surrogate(Propagator, Islands, ClosedFormFlight):
     def belief(self, carry, scene):
         P = carry.roots @ carry.roots.transpose(0, 2, 1)
         return Belief.trusted(carry.mean.copy(), 0.5 * (P + P.transpose(0, 2, 1)), scene.moving)
-
-    def join(self, carries, parts, joint):
-        return carries[0]._replace(
-            mean=joined_means(carries, parts, joint),
-            roots=joined_blocks([carry.roots for carry in carries], parts, joint),
-            contact_history=joined_history(carries, parts, joint),
-        )
-
-    def propagate_flight(self, carry, flight):
-        A = transition(carry.mean[0], flight.course, False)
-        return carry._replace(
-            mean=after_flight(carry.mean, flight), roots=A @ carry.roots, step=carry.step + flight.steps
-        )

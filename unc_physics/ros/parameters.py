@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import functools
 import math
 import sys
@@ -20,6 +19,7 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
 from ..checks.errors import InvalidOptionError, UncPhysicsError
+from ..checks.names import removed, suggestion
 from ..checks.validation import non_negative
 from ..prediction.diagnosis import compared_rollouts
 from ..propagators.names import ANYTIME, DEFAULT, REFERENCE
@@ -113,7 +113,6 @@ class Settings:
         " ('keep'); 'auto': 'project' with 'implicit', and 'keep' with 'explicit', which has no other.",
         choices=(_AUTO_OVERLAP, *OVERLAPS),
     )
-    islands: bool = physics_key("islands", True)
     warm_up: tuple[str, ...] = parameter(
         (ANYTIME, REFERENCE),
         "Propagators whose kernels are compiled, or loaded, before the node is ready; kernels of other"
@@ -436,6 +435,11 @@ class ParameterServer:
     """Parameters of the node and their current `settings`; invalid changes are rejected."""
 
     def __init__(self, node):
+        # rclpy has no public name for what is given at the start; without it there are no such errors
+        self._given = getattr(node, "_parameter_overrides", {})
+        for name in self._given:
+            if problem := removed(name):
+                raise InvalidOptionError(problem, field=name)
         values = {}
         for spec in fields(Settings):
             default = list(spec.default) if isinstance(spec.default, tuple) else spec.default
@@ -446,13 +450,11 @@ class ParameterServer:
         node.add_post_set_parameters_callback(self._take_over)
 
     def misspelt(self) -> dict[str, str]:
-        """Return unknown parameters from the node's start, each with the closest known name."""
-        # rclpy has no public name for these overrides; without them the result is empty
-        given = getattr(self._node, "_parameter_overrides", {})
+        """Return unknown parameters from the node's start, each with a `names.suggestion`."""
         known = [spec.name for spec in fields(Settings)]
         return {
-            name: next(iter(difflib.get_close_matches(name, known, 1)), "")
-            for name in given
+            name: suggestion(name, known)
+            for name in self._given
             if not self._node.has_parameter(name) and not name.startswith("qos_overrides.")
         }
 

@@ -139,8 +139,7 @@ class PredictionServer:
         if not self._warned_misspelt:
             self._warned_misspelt = True
             for name, meant in self.parameters.misspelt().items():
-                hint = f"; is '{meant}' meant?" if meant else ""
-                self.log.warning(f"parameter '{name}' is unknown and has no effect{hint}")
+                self.log.warning(f"parameter '{name}' is unknown and has no effect{meant}")
 
     def close(self, why: str = "is shutting down") -> None:
         """Withdraw all interfaces; running predictions end with the error CANCELED.

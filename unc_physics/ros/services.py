@@ -39,7 +39,6 @@ _FEATURES = [
     "friction",
     "restitution",
     "gyroscopic",
-    "islands",
     "parameter_uncertainty",
     "contact_probabilities",
     "region_probabilities",

@@ -120,13 +120,6 @@ PHYSICS_KEYS = {
         " paper.",
         law=True,
     ),
-    "islands": PhysicsKey(
-        flag,
-        "Whether bodies that cannot touch each other are predicted by themselves, by propagators that keep"
-        " correlations between bodies (the others treat bodies one by one anyway); otherwise all of a scene"
-        " together.",
-        law=True,
-    ),
     "sleep": PhysicsKey(
         flag, "Whether what rests is not computed until something pushes it; not with 'explicit'.", law=True
     ),

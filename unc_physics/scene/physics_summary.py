@@ -30,7 +30,6 @@ def physics_of(scene: Scene) -> dict[str, Any]:
         "gyroscopic": scene.gyroscopic,
         "friction": scene.friction or 0.0,
         "restitution": restitution,
-        "islands": scene.islands,
         "sleep": scene.sleep,
         "overlap": scene.overlap,
     }
@@ -70,4 +69,4 @@ def physics_as_text(scene: Scene) -> str:
         ]
     if scene.integrator == "implicit" and scene.overlap != "project":
         parts.append(f"overlap {scene.overlap}")
-    return ", ".join(parts + [key for key in ("gyroscopic", "islands", "sleep") if physics[key]])
+    return ", ".join(parts + [key for key in ("gyroscopic", "sleep") if physics[key]])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -97,8 +97,6 @@ class Scene:
         Whether rotation conserves angular momentum, instead of angular velocity as in the paper.
     integrator : {'explicit', 'implicit'}
         The paper's step, or a step with implicit lasting contacts and impacts as events.
-    islands : bool
-        Whether groups of bodies that cannot touch within the horizon are predicted separately.
     stiffness_std, friction_std : float
         Standard deviations, in the parameter's unit. With z standard normal, the parameter is ``m exp(z std /
         m)``; its value m must be positive.
@@ -141,7 +139,6 @@ class Scene:
     restitution: float | None = None
     gyroscopic: bool = False
     integrator: str = "explicit"
-    islands: bool = False
     stiffness_std: float = 0.0
     friction_std: float = 0.0
     restitution_std: float = 0.0
@@ -343,12 +340,6 @@ class Scene:
             found += [UncertainParameter("surface_tilt", k, axis, tilt) for axis in range(2) if tilt]
         return tuple(found)
 
-    @cached_property
-    def shared_parameters(self) -> bool:
-        """Whether an uncertain parameter affects more than one moving body, and so correlates them."""
-        alone = set(self.moving.tolist())
-        return any(parameter.body not in alone for parameter in self.uncertain)
-
     @property
     def has_partners(self) -> bool:
         """Whether there are two things that can touch each other."""
@@ -438,16 +429,6 @@ class Scene:
             dt=rest, start=steps * (self.dt - rest), decay=math.exp(-self.damping * rest)
         )
         return short
-
-    def of_bodies(self, bodies: Sequence[int]) -> Scene:
-        """Return the scene of some bodies, ascending, without islands; it shares the sphere trees."""
-        some, world = np.array(bodies, np.int64), self.world
-        part = replace(self, bodies=[self.bodies[k] for k in bodies], islands=False)
-        part.__dict__["world"] = world._replace(
-            bodies=Bodies(*(constant[some] for constant in world.bodies)),
-            implicit=None if world.implicit is None else world.implicit.of_bodies(some),
-        )
-        return part
 
     def stops(self, begin: int, marks: Sequence[Mark]) -> Stops:
         """Return the stops of rollouts that have done ``begin`` steps, at marks that are ascending."""

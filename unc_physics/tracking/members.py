@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -123,13 +122,7 @@ def with_last_body(tracked: TrackedScene, state: State, known: BodyBelief, time:
     scene, seed, count = tracked.scene, tracked.propagator.seed, tracked.propagator.samples
     index = len(scene.bodies) - 1
     states = np.concatenate([state.carry.states, np.tile(known.state, (count, 1, 1))], axis=1)
-    alone = histories.fresh(count, replace(scene, bodies=[scene.bodies[-1]]).world)
-    history = histories.joined(
-        [state.carry.contact_history, alone],
-        [np.arange(count)] * 2,
-        [np.arange(index), np.array([index])],
-        scene.world,
-    )
+    history = histories.with_another_body(state.carry.contact_history)
     if scene.draws_impacts:
         history = histories.with_keys(history, seed)
     carry = state.carry._replace(states=states, contact_history=history)

@@ -102,7 +102,7 @@ class Tracker:
         _check_tracked(scene, propagator)
         scene = with_stiffness(scene, belief.mean)
         if scene.integrator == "implicit":
-            scene = replace(scene, sleep=True, islands=False)
+            scene = replace(scene, sleep=True)
         tracked = TrackedScene(
             scene,
             checked_symmetries({} if symmetries is None else symmetries, scene),

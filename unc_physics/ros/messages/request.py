@@ -31,7 +31,7 @@ from ...prediction.predict import predict
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
 from ...prediction.request_checks import check_supported, marks_of, periodic_times
-from ...propagators.base import Anytime, Islands, Propagator, Samples
+from ...propagators.base import Anytime, Propagator, Samples
 from ...propagators.names import ANYTIME
 from ...propagators.registry import PROPAGATORS, propagator_from_texts
 from ...scene.belief import Belief
@@ -228,13 +228,10 @@ def read_request(
     propagator = _propagator(name, options, request.samples, seed, settings)
     asked_time = getattr(propagator, "time", 0.0)
     propagator = _within(propagator, 0.0 if options else limits.budget)
-    # other methods treat bodies separately, and an anytime method adds rollouts for all bodies
-    divisible = isinstance(propagator, Islands) and not isinstance(propagator, Anytime)
-    islands = settings.islands and propagator.traits.cross_body and divisible
     read = read_scene(
         message,
         library,
-        read_physics(request.physics, settings.physics | {"islands": islands}),
+        read_physics(request.physics, settings.physics),
         settings.covariance_defaults,
         SceneLimits(settings.max_objects, settings.max_spheres, settings.max_elements),
         actions=actions,
