@@ -32,8 +32,8 @@ def test_the_example_is_ranked(tmp_path, capsys):
     assert main(["rank", str(EXAMPLE), *SHORT, "--seed", "4", "--json", "--picture", str(picture)]) == 0
     told = json.loads(capsys.readouterr().out)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    scene, belief, horizon, actions, score, smallest_first, also = load_actions(EXAMPLE)
-    assert (horizon, len(actions), smallest_first) == (0.8, 10, False)
+    scene, belief, horizon, actions, score, also = load_actions(EXAMPLE)
+    assert (horizon, len(actions)) == (0.8, 10)
     expected = rank(scene, belief, actions, score, 0.05, rollouts=20, seed=4)
     assert [action["name"] for action in told["actions"]] == [action.name for action in expected]
     for found, action in zip(told["actions"], expected, strict=True):
@@ -46,7 +46,7 @@ def test_the_example_is_ranked(tmp_path, capsys):
 def test_the_table_has_what_it_tells_below_its_headings(capsys):
     assert main(["rank", str(EXAMPLE), *SHORT]) == 0
     head, columns, *rows = capsys.readouterr().out.splitlines()
-    assert head.startswith("probability of: salt_box in bin; highest first;") and "[4]" in columns
+    assert head.startswith("probability of: salt_box in bin; ") and "[4]" in columns
     assert len([row for row in rows if " cm " in row]) == 10 and "[1] salt_box upright" in rows
     for row in rows[:10]:
         for k in range(1, 5):
@@ -99,11 +99,18 @@ BAD = {
     "no text": ({"score": {"upright": {"object": 3}}}, "score.upright.object must be a non-empty text"),
     "no such object": ({"score": {"upright": "cup"}}, "score.object names no body of the scene"),
     "of what is reported": ({"also": [{"upright": "cup"}]}, "also[0].object names no body of the scene"),
-    "no actions": ({"actions": {}}, "actions must be a mapping of names to changes"),
+    "no actions": ({"actions": {}}, "actions must name at least one action"),
+    "actions in a list": ({"actions": [1]}, "actions must be a mapping of names to changes"),
+    "a key of version 0.2": ({"smallest_first": True}, "smallest_first is no key since version 0.3; negate"),
+    "two regions of a name": (
+        {"regions": [{"name": "bin", "size": [1, 1, 1]}] * 2},
+        "regions[1].name is the name of two regions",
+    ),
+    "no list": ({"also": {"upright": "salt_box"}}, "also must be a list"),
     "no change": ({"actions": {"a": {"salt_box": 3}}}, "actions['a'].salt_box must be a mapping of fields"),
     "a bad change": (
         {"actions": {"a": {"salt_box": {"position": [0, 0]}}}},
-        "actions['a']: 'salt_box'.position must",
+        "actions['a'].salt_box.position must be a list of 3 numbers",
     ),
     "no region's size": ({"regions": [{"name": "bin"}]}, "regions[0] must have a name and a size"),
     "a bad scene": ({"scene": {"bodies": []}}, "scene.bodies must name at least one body"),

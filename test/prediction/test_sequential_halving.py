@@ -10,8 +10,8 @@ from unc_physics.prediction.sequential_halving import (
     FIRST_ROUND,
     SequentialHalving,
     chance,
-    clearly_worse,
     difference,
+    wins_and_losses,
 )
 
 ROLLOUTS, BUDGET = 1000, 2000
@@ -26,9 +26,8 @@ def tosses(rng, probabilities, common=True):
 
 def run(halving, outcomes):
     """The halving to its end, with these outcomes (K, ROLLOUTS)."""
-    while halving.next is not None:
-        following = halving.next
-        halving.add([outcomes[k, len(halving.outcomes[k]) : following.rollouts] for k in following.actions])
+    while halving.remaining:
+        halving.add({k: outcomes[k, : halving.count] for k in halving.remaining})
     return halving
 
 
@@ -63,7 +62,8 @@ def test_a_best_one_is_rarely_called_worse(common):
         outcomes = tosses(rng, probabilities, common)
         halving = run(SequentialHalving(6, ROLLOUTS, 6 * ROLLOUTS, risk), outcomes)
         called += 0 in halving.losers
-        naive += clearly_worse(list(outcomes[:, :64]), int(outcomes[:, :64].mean(axis=1).argmax()), 0.9)[0]
+        leader = outcomes[outcomes[:, :64].mean(axis=1).argmax(), :64]
+        naive += chance(*wins_and_losses(leader, outcomes[0, :64])[:2]) <= 0.9
     assert called <= risk * races + STATISTICS * math.sqrt(risk * races)
     assert common or 0 < called < naive, "the case must be one in which errors happen"
 
@@ -74,31 +74,50 @@ def test_clear_losers_get_few_tosses_and_the_best_ones_most():
     regrets = []
     for _ in range(50):
         halving = run(SequentialHalving(10, ROLLOUTS, BUDGET), tosses(rng, probabilities, common=False))
-        counts = [len(own) for own in halving.outcomes]
+        counts = [len(halving.outcomes[k]) for k in range(10)]
         assert sum(counts) == halving.spent <= BUDGET
         assert max(counts[0], counts[2], counts[4]) <= 4 * FIRST_ROUND and {0, 2, 4} <= halving.losers
-        assert len(halving.outcomes[halving.order()[0]]) == max(counts) > ROLLOUTS / 2
-        regrets.append(max(probabilities) - probabilities[halving.order()[0]])
+        assert len(halving.outcomes[halving.order[0]]) == max(counts) > ROLLOUTS / 2
+        regrets.append(max(probabilities) - probabilities[halving.order[0]])
     assert np.mean(regrets) < 0.01
 
 
-def test_without_a_budget_only_clear_losers_leave():
-    outcomes = tosses(np.random.default_rng(2), [0.515, 0.52, 0.512, 0.05])
-    halving = run(SequentialHalving(4, ROLLOUTS, 4 * ROLLOUTS), outcomes)
-    assert [len(own) for own in halving.outcomes] == [ROLLOUTS] * 3 + [40] and halving.losers == {3}
-    assert halving.order() == [1, 0, 2, 3]
-    assert halving.difference(1, 1) == (0.0, 0.0, ROLLOUTS)
-    expected = outcomes[0].mean() - outcomes[1].mean()
-    assert halving.difference(0, 1).value == pytest.approx(expected) and expected < 0.0
+@pytest.mark.parametrize("rollouts", [50, 160, ROLLOUTS])
+def test_with_a_budget_for_all_only_clear_losers_leave(rollouts):
+    outcomes = tosses(np.random.default_rng(2), [0.515, 0.52, 0.512, 0.05])[:, :rollouts]
+    halving = run(SequentialHalving(4, rollouts, 4 * rollouts), outcomes)
+    assert [len(halving.outcomes[k]) for k in range(3)] == [rollouts] * 3 and halving.losers == {3}
+    assert len(halving.outcomes[3]) <= 40
+    assert halving.order[:3] == sorted(range(3), key=lambda k: -outcomes[k].mean())
+    assert halving.difference(1, 1) == (0.0, 0.0, rollouts)
+    assert halving.difference(0, 2).value == pytest.approx(outcomes[0].mean() - outcomes[2].mean())
 
 
-def test_small_budgets_and_single_actions():
-    outcomes = np.ones((5, ROLLOUTS), bool)
-    halving = run(SequentialHalving(5, ROLLOUTS, 5), outcomes)
-    assert [len(own) for own in halving.outcomes] == [1] * 5 and halving.order() == [0, 1, 2, 3, 4]
-    assert [len(own) for own in run(SequentialHalving(1, ROLLOUTS, ROLLOUTS), outcomes).outcomes] == [
-        ROLLOUTS
-    ]
+@pytest.mark.parametrize(
+    ("candidates", "rollouts", "budget", "counts"),
+    [
+        (5, ROLLOUTS, 5, [1] * 5),
+        (1, ROLLOUTS, ROLLOUTS, [ROLLOUTS]),
+        (1, ROLLOUTS, 30, [30]),
+        (3, 7, 21, [7] * 3),
+        (4, 100, 250, [100, 100, 20, 20]),
+    ],
+)
+def test_equal_candidates_share_the_budget(candidates, rollouts, budget, counts):
+    """No one loses; equals keep the order in which they were given."""
+    halving = run(SequentialHalving(candidates, rollouts, budget), np.ones((candidates, ROLLOUTS), bool))
+    assert [len(halving.outcomes[k]) for k in range(candidates)] == counts
+    assert halving.order == halving.ties() == list(range(candidates)) and not halving.losers
+
+
+def test_a_dropped_candidate_is_in_no_order():
+    outcomes = tosses(np.random.default_rng(4), [0.9, 0.5, 0.95, 0.1])
+    halving = SequentialHalving(4, 80, 320)
+    halving.add({k: outcomes[k, : halving.count] for k in halving.remaining})
+    halving.drop(2)
+    halving.drop(3)
+    run(halving, outcomes)
+    assert halving.order == [0, 1] and halving.spent == sum(len(halving.outcomes[k]) for k in (0, 1))
 
 
 def test_the_error_of_a_difference_is_that_of_pairs():

@@ -55,42 +55,34 @@ def run(arguments) -> int:
     from ..checks.validation import number_from_text, positive
     from ..prediction.actions_file import load_actions
     from ..prediction.rank import rank
-    from ..prediction.ranking_table import ranking_as_table
 
     if arguments.picture is not None:
         check_picture(arguments.picture)
-    limit = horizon = None
+    limit = None
     if arguments.time_limit is not None:
         limit = positive(number_from_text(arguments.time_limit, "--time-limit"), "--time-limit")
+    scene, belief, horizon, actions, score, also = load_actions(arguments.actions, arguments.models)
+    for k, event in enumerate(also):
+        event.check(scene, f"also[{k}]")
     if arguments.horizon is not None:
         horizon = number_from_text(arguments.horizon, "horizon", InvalidHorizonError)
-    loaded = load_actions(arguments.actions, arguments.models)
-    for k, event in enumerate(loaded.also):
-        event.check(loaded.scene, f"also[{k}]")
-    horizon = loaded.horizon if horizon is None else horizon
-    with progress_display("rank", "rollout", f"{len(loaded.actions)} actions") as show:
+    with progress_display("rank", "rollout", f"{len(actions)} actions") as show:
         ranking = rank(
-            loaded.scene,
-            loaded.belief,
-            loaded.actions,
-            loaded.score,
+            scene,
+            belief,
+            actions,
+            score,
             horizon,
-            smallest_first=loaded.smallest_first,
             rollouts=arguments.rollouts,
             budget=arguments.budget,
             seed=arguments.seed,
             max_computation_time=limit,
             progress=show,
         )
-    if arguments.json:
-        print(json.dumps(ranking.to_dict(loaded.also), allow_nan=False))
-    else:
-        print(ranking_as_table(ranking, loaded.also))
+    print(json.dumps(ranking.to_dict(also), allow_nan=False) if arguments.json else ranking.table(also))
     if arguments.picture is not None:
         from ..plots.ranking_picture import draw_ranking
 
         with writing(Path(arguments.picture), "--picture"):
-            draw_ranking(
-                arguments.picture, ranking, loaded.also, Path(arguments.actions).stem.replace("_", " ")
-            )
+            draw_ranking(arguments.picture, ranking, also, Path(arguments.actions).stem.replace("_", " "))
     return 0

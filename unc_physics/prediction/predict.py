@@ -15,6 +15,7 @@ from ..propagators.base import Anytime, Propagator, Samples
 from ..propagators.names import DEFAULT
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
+from ..scene.marks import Mark
 from ..scene.materials import Materials
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
@@ -95,12 +96,7 @@ def predict(
     instance(propagator, (str, Propagator), "propagator")
     if isinstance(propagator, str):
         propagator = make_propagator(propagator)
-    belief.check_fits(scene)
-    check_supported(scene, propagator)
-    marks = marks_of(scene, horizon, times)
-    scene = without_idle_parts(scene, belief, marks[-1].time)
-    check_memory(scene, belief, propagator, len(marks))
-    asked_for = with_stiffness(scene, belief.mean)
+    asked_for, marks = prepare(scene, belief, propagator, horizon, times)
     missing = left_out(asked_for, propagator)
     scene = without(asked_for, missing)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
@@ -128,6 +124,21 @@ def predict(
                 error.prediction = prediction_of(error.prediction)
             raise
     return _with_flights(prediction, marks) if asked else prediction
+
+
+def prepare(
+    scene: Scene, belief: Belief, propagator: Propagator, horizon: float | None, times: Sequence[float] | None
+) -> tuple[Scene, list[Mark]]:
+    """Return the scene with its stiffness, and the marks of the requested times.
+
+    Raises the errors of `predict` for arguments that do not fit together.
+    """
+    belief.check_fits(scene)
+    check_supported(scene, propagator)
+    marks = marks_of(scene, horizon, times)
+    scene = without_idle_parts(scene, belief, marks[-1].time)
+    check_memory(scene, belief, propagator, len(marks))
+    return with_stiffness(scene, belief.mean), marks
 
 
 def _with_flights(prediction, marks):

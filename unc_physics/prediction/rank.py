@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidHorizonError, InvalidRequestError, LimitExceededError, UncPhysicsError
+from ..checks.errors import InvalidRequestError, LimitExceededError, PredictionTimeoutError, UncPhysicsError
 from ..checks.names import hint
-from ..checks.validation import flag, instance, integer, positive
-from ..propagators.base import SAMPLES_LIMIT
+from ..checks.shown import printable
+from ..checks.validation import instance, integer, positive
+from ..compiler.compile_time import clock
+from ..compiler.time_limit import time_limit
+from ..propagators.base import SAMPLES_LIMIT, rollout_count
 from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator
+from ..propagators.start import constrain_belief
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .actions import Action, apply_action
-from .candidates import Candidate, CandidateError, CandidateRollouts
+from .compute_budget import ComputeBudget
+from .driver import are_moved_at_start, simulate, snapshot
 from .events import Event
+from .predict import prepare
 from .prediction import Prediction
 from .probability import sample_outcomes
-from .ranking_table import ranking_as_dict, ranking_as_table
-from .request_checks import check_memory, check_supported, marks_of
-from .sequential_halving import Difference
+from .sequential_halving import Difference, SequentialHalving
 from .snapshot import Probability
 from .tables import FEW_LINES, preformatted
 
@@ -77,26 +81,13 @@ class Ranking:
         from it.
     score : Event
         What they are ranked by.
-    smallest_first : bool
-        Whether the best action is the one by which it is least probable.
     seed : int
         The seed that gives the same ranking again.
     """
 
     actions: tuple[RankedAction, ...]
     score: Event
-    smallest_first: bool
     seed: int
-
-    def __str__(self) -> str:
-        return ranking_as_table(self, most=FEW_LINES)
-
-    def _repr_html_(self) -> str:
-        return preformatted(str(self))
-
-    def to_dict(self, also: Sequence[Event] = ()) -> dict[str, Any]:
-        """Return the ranking as plain Python values; `also` are events whose probabilities are added."""
-        return ranking_as_dict(self, also)
 
     @property
     def best(self) -> RankedAction:
@@ -121,6 +112,67 @@ class Ranking:
             raise InvalidRequestError(f"is no action{hint(str(name), names)}", field="name", value=name)
         return self.actions[names.index(name)]
 
+    def __str__(self) -> str:
+        return self.table(most=FEW_LINES)
+
+    def _repr_html_(self) -> str:
+        return preformatted(str(self))
+
+    def to_dict(self, also: Sequence[Event] = ()) -> dict[str, Any]:
+        """Return the ranking as plain Python values; `also` are events whose probabilities are added."""
+        return {
+            "score": str(self.score),
+            "seed": self.seed,
+            "rollouts": self.rollouts,
+            "wall_time": max(action.prediction.wall_time for action in self),
+            "actions": [
+                {
+                    "name": action.name,
+                    "score": asdict(action.score),
+                    "difference": action.difference.value,
+                    "difference_std": action.difference.std,
+                    "margin": action.margin,
+                    "tied": action.tied,
+                    "clearly_worse": action.clearly_worse,
+                    "rollouts": action.rollouts,
+                    "also": {str(event): asdict(action.prediction.probability(event)) for event in also},
+                }
+                for action in self
+            ],
+        }
+
+    def table(self, also: Sequence[Event] = (), most: int | None = None) -> str:
+        """Return a table of at most ``most`` lines; each event of `also` is a column."""
+        width = max(6, *(len(printable(action.name)) for action in self))
+        lines = [
+            f"probability of: {printable(str(self.score))}; {self.rollouts} rollouts, seed {self.seed}",
+            f"{'action':<{width}}  probability     interval           difference  margin  rollouts"
+            + "".join(f"  {f'[{k}]':>5}" for k in range(1, len(also) + 1)),
+        ]
+        for action in self:
+            p, found = action.score, action.difference
+            difference = "" if action is self.best else f"{found.value:+.3f} +- {found.std:.3f}"
+            margin = "" if action.margin is None else f"{action.margin:.2f}"
+            lines.append(
+                f"{printable(action.name):<{width}}  {p.estimate:11.3f}  {p.low:.3f} to {p.high:.3f}"
+                f"  {difference:>16}  {margin:>6}  {action.rollouts:8d}"
+                + "".join(f"  {action.prediction.probability(event).estimate:.3f}" for event in also)
+                + ("  tied" if action.tied else "  clearly worse" if action.clearly_worse else "")
+            )
+        notes = [f"[{k}] {printable(str(event))}" for k, event in enumerate(also, 1)]
+        tied = [action for action in self if action.tied]
+        if tied:
+            order = (
+                "Contacts have no margin, so they are in the order in which they were given."
+                if all(action.margin is None for action in tied)
+                else "They are in order of margin, the distance from failure in standard deviations."
+            )
+            notes.append(f"{len(tied)} actions are tied: within a standard error of the best score. {order}")
+        if most is not None and len(lines) + len(notes) > most:
+            kept = max(3, most - len(notes) - 1)
+            lines = [*lines[:kept], f"... {len(lines) - kept} more actions"]
+        return "\n".join(lines + notes)
+
 
 @np.errstate(all="ignore")  # what overflows is found when beliefs are made
 def rank(
@@ -131,7 +183,6 @@ def rank(
     horizon: float | None = None,
     *,
     times: Sequence[float] | None = None,
-    smallest_first: bool = False,
     rollouts: int = 1000,
     budget: int | None = None,
     seed: int = 0,
@@ -140,10 +191,10 @@ def rank(
 ) -> Ranking:
     """Rank a robot's possible actions by their probability of success.
 
-    All actions begin with the same random draws, in one batch on all threads, round by round. Before each
-    round clear losers are dropped, by a sign test on the draws in which they and the leader differ. The test
-    drops the best action in one ranking of a thousand. If the budget has no room for all others, the last
-    ones are dropped, too.
+    All actions begin with the same random draws, and are simulated round by round. Before each round clear
+    losers are dropped, by a sign test on the draws in which they and the leader differ. The test drops the
+    best action in one ranking of a thousand. If the budget has no room for all others, the last ones are
+    dropped, too.
 
     Parameters
     ----------
@@ -156,13 +207,11 @@ def rank(
         bodies a `BodyBelief` or fields of `BodyBelief` and `RigidBody` with their values, for elements of the
         environment fields of their class.
     score : Event
-        What counts as success, such as ``InRegion("cup", bin) & Upright("cup")``.
+        What counts as success, such as ``InRegion("cup", bin) & ~Touches("cup", "wall")``.
     horizon : float, optional
         Time to predict for [s], as in `predict`. May be left out when ``times`` is given.
     times : sequence of float, optional
         Times at which a belief is wanted [s], ascending, as in `predict`.
-    smallest_first : bool
-        Whether the least probable action comes first, as where the score is a failure.
     rollouts : int
         Most of one action.
     budget : int, optional
@@ -204,7 +253,6 @@ def rank(
         raise InvalidRequestError("must name at least one action", field="actions")
     belief.check_fits(scene)
     score.check(scene, "score")
-    flag(smallest_first, "smallest_first")
     candidates = [
         Candidate(name, *apply_action(scene, belief, action, f"actions[{name!r}]"))
         for name, action in actions.items()
@@ -212,104 +260,176 @@ def rank(
     rollouts = integer(rollouts, "rollouts", low=1)
     if rollouts > SAMPLES_LIMIT:
         raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field="rollouts", value=rollouts)
-    try:
-        return rank_candidates(
-            candidates,
-            make_propagator(REFERENCE, samples=rollouts, seed=seed),
-            score,
-            horizon,
-            times=times,
-            smallest_first=smallest_first,
-            budget=budget,
-            max_computation_time=max_computation_time,
-            progress=progress,
-        )
-    except CandidateError as failed:
-        error = failed.error
-        field = f"actions[{candidates[failed.candidate].name!r}]" + (
-            f": {error.field}" if error.field else ""
-        )
+
+    def failed(k, error):
+        field = f"actions[{candidates[k].name!r}]" + (f": {error.field}" if error.field else "")
         raise type(error)(error.problem, field=field, value=error.value) from error
+
+    return rank_candidates(
+        candidates,
+        make_propagator(REFERENCE, samples=rollouts, seed=seed),
+        score,
+        horizon,
+        failed,
+        times=times,
+        budget=budget,
+        max_computation_time=max_computation_time,
+        progress=progress,
+    )
+
+
+class Candidate(NamedTuple):
+    """Scene with the belief about it, by name."""
+
+    name: str
+    scene: Scene
+    belief: Belief
 
 
 def rank_candidates(
     candidates: Sequence[Candidate],
     propagator: Any,
     score: Event,
-    horizon: float | None = None,
+    horizon: float | None,
+    failed: Callable[[int, UncPhysicsError], object],
     *,
     times: Sequence[float] | None = None,
-    smallest_first: bool = False,
     budget: int | None = None,
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Ranking:
-    """Rank scenes and beliefs by their names, as `rank`, with a Monte Carlo propagator.
+    """Rank scenes and beliefs with a Monte Carlo propagator.
 
-    Raises `CandidateError` with the error of a candidate, and otherwise an `UncPhysicsError`.
+    The propagator's ``samples`` are the most rollouts of one candidate. Other parameters and errors are those
+    of `rank`, but an error about one candidate goes to ``failed``, with the candidate's index. If ``failed``
+    returns, the other candidates are ranked.
     """
-    count, rollouts = len(candidates), propagator.samples
+    started, count, rollouts = clock(), len(candidates), propagator.samples
     usual = max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
-    most: int = usual if budget is None else integer(budget, "budget", low=1)
-    if most < count:
+    budget = usual if budget is None else integer(budget, "budget", low=1)
+    if budget < count:
         raise InvalidRequestError(
-            f"must be at least one rollout for each of {count} actions", field="budget", value=most
+            f"must be at least one rollout for each of {count} actions", field="budget", value=budget
         )
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
-    marks = None
-    for k, candidate in enumerate(candidates):
-        with CandidateError.of(k):
-            score.check(candidate.scene, "score")
-            check_supported(candidate.scene, propagator)
-            own = marks_of(candidate.scene, horizon, times)
-            if marks not in (None, own):
-                raise InvalidHorizonError(
-                    "must be that of the other actions", field="dt", value=candidate.scene.dt
-                )
-            marks = own
-            check_memory(candidate.scene, candidate.belief, propagator, len(own))
-    assert marks is not None
+    halving, runs, stopped = SequentialHalving(count, rollouts, budget), {}, []
 
-    def success(prediction):
-        return score.happened(_outcomes(prediction)) ^ smallest_first
+    def attempt(compute):
+        """Return the results by candidate, without candidates that fail."""
+        results = {}
+        for k in halving.remaining:
+            try:
+                results[k] = compute(k)
+            except UncPhysicsError as error:
+                if isinstance(error, PredictionTimeoutError) or error in stopped:
+                    raise
+                failed(k, error)
+                halving.drop(k)
+        return results
 
-    candidate_rollouts = CandidateRollouts(candidates, propagator, marks, success, most)
-    make = functools.partial(_ranking, candidate_rollouts, score, smallest_first, propagator.seed)
+    def show(done, steps):
+        assert progress is not None
+        try:
+            progress(halving.spent, budget)
+        except UncPhysicsError as error:
+            stopped.append(error)
+            raise
+
+    def simulate_round(compute_budget):
+        counted = None if progress is None else show
+        carries = attempt(lambda k: runs[k].carries_of(halving.count, compute_budget, counted))
+        predictions = attempt(lambda k: runs[k].prediction_of(carries[k], clock() - started))
+        for k, prediction in predictions.items():
+            runs[k].carries, runs[k].prediction = carries[k], prediction
+        if predictions:
+            halving.add({k: score.happened(runs[k].outcomes) for k in predictions})
+        if counted is not None:
+            counted(0, 0)
+
+    def ranking():
+        return _ranking(candidates, runs, halving, score, propagator) if halving.spent else None
+
     try:
-        candidate_rollouts.run(allowed, progress)
+        runs = attempt(lambda k: _Rollouts(candidates[k], propagator, score, horizon, times))
+        with time_limit() as limit:
+            while halving.remaining:
+                simulate_round(ComputeBudget(allowed, started, limit))
+    except PredictionTimeoutError as error:
+        when = f"after {halving.spent} rollouts of {budget}" if halving.spent else "in the first round"
+        ended = PredictionTimeoutError(f"ran out {when}", field=error.field, value=error.value)
+        ended.prediction = ranking()
+        raise ended from None
     except UncPhysicsError as error:
-        error.prediction = make() if candidate_rollouts.rounds else None
+        error.prediction = ranking()
         raise
-    return make()
+    return _ranking(candidates, runs, halving, score, propagator)
 
 
-def _outcomes(prediction):
-    return sample_outcomes(prediction.scene, prediction.initial, prediction.at())
+class _Rollouts:
+    """Rollouts of one candidate, to which more can be added; parameters as for `rank_candidates`."""
+
+    prediction: Prediction
+
+    def __init__(self, candidate, propagator, score, horizon, times):
+        score.check(candidate.scene, "score")
+        self._given, self._propagator = candidate.belief, propagator
+        self._scene, self._marks = prepare(candidate.scene, candidate.belief, propagator, horizon, times)
+        self._belief = constrain_belief(self._scene, candidate.belief)
+        self.carries = []  # at time 0, and at each mark
+
+    def carries_of(self, count, compute_budget, progress):
+        """Return the carries of the first ``count`` rollouts: those so far, and additional ones."""
+        scene, propagator = self._scene, self._propagator
+        if scene.integrator == "explicit":  # whose kernels do not end early
+            compute_budget = compute_budget._replace(limit=None)
+        first = rollout_count(self.carries[0]) if self.carries else 0
+        added = simulate(
+            partial(propagator.init_rollouts, scene, self._belief, first, count),
+            lambda carry, marks: propagator.advance_through(carry, scene, marks),
+            self._marks,
+            scene,
+            compute_budget,
+            progress,
+        )
+        carries = [carry for _, carry in added]
+        if not self.carries:
+            return carries
+        return [propagator.concatenate(*pair) for pair in zip(self.carries, carries, strict=True)]
+
+    def prediction_of(self, carries, wall_time):
+        """Return the prediction that carries represent."""
+        first, *later = carries
+        scene, own = self._scene, replace(self._propagator, samples=rollout_count(first))
+        snapshots = tuple(
+            snapshot(own, scene, carry, mark) for carry, mark in zip(later, self._marks, strict=True)
+        )
+        start = own.belief(first, scene) if are_moved_at_start(scene, first) else self._given
+        return Prediction(scene, own, snapshots, self._given, start, wall_time)
+
+    @property
+    def outcomes(self):
+        """Outcomes of the rollouts at the horizon."""
+        return sample_outcomes(self.prediction.scene, self._given, self.prediction.at())
 
 
-def _ranking(candidate_rollouts, score, smallest_first, seed):
-    """Return the ranking from the rounds so far."""
-    halving, margins, actions = candidate_rollouts.halving, [], []
-    for prediction in candidate_rollouts.predictions:
-        margin = score.margin(_outcomes(prediction))
-        margins.append(-margin if margin is not None and smallest_first else margin)
+def _ranking(candidates, runs, halving, score, propagator):
+    """Return the ranking by the rounds so far."""
+    margins = {k: score.margin(runs[k].outcomes) for k in halving.order}
     ties = halving.ties()
     ties.sort(key=lambda k: math.inf if margins[k] is None else -margins[k])
-    for k in [*ties, *(k for k in halving.order() if k not in ties)]:
-        prediction = candidate_rollouts.predictions[k]
-        difference = halving.difference(k, ties[0])
-        if smallest_first:
-            difference = difference._replace(value=-difference.value)
+    actions = []
+    for k in [*ties, *(k for k in halving.order if k not in ties)]:
+        prediction = runs[k].prediction
         actions.append(
             RankedAction(
-                candidate_rollouts.candidates[k].name,
+                candidates[k].name,
                 prediction,
                 prediction.probability(score),
-                difference,
+                halving.difference(k, ties[0]),
                 margins[k],
                 len(ties) > 1 and k in ties,
                 k in halving.losers,
                 len(halving.outcomes[k]),
             )
         )
-    return Ranking(tuple(actions), score, smallest_first, seed)
+    return Ranking(tuple(actions), score, propagator.seed)

@@ -8,7 +8,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
-from unc_physics_msgs.msg import CandidatePrediction
+from unc_physics_msgs.msg import CandidatePrediction, Result
 from unc_physics_msgs.srv import PredictCandidates
 
 from ..checks.errors import (
@@ -19,11 +19,9 @@ from ..checks.errors import (
     LimitExceededError,
     NotSupportedError,
     PredictionTimeoutError,
-    UncPhysicsError,
 )
 from ..checks.names import hint
-from ..prediction.candidates import Candidate, CandidateError
-from ..prediction.rank import rank_candidates
+from ..prediction.rank import Candidate, rank_candidates
 from ..propagators.names import REFERENCE
 from .messages.fields import duration, write_error
 from .messages.prediction import write_answer
@@ -33,18 +31,12 @@ from .messages.scene import FieldNames
 from .services import BackgroundService
 
 
-class CandidatesService:
+class CandidatesService(BackgroundService):
     """Service that predicts all candidates with the same seed, so that they differ only by their states."""
 
     def __init__(self, server):
         self._server = server
-        self._service = BackgroundService(server, PredictCandidates, "~/predict_candidates", self._predict)
-        self._pool = ThreadPoolExecutor(os.cpu_count() or 1)
-
-    def close(self):
-        """Withdraw the service."""
-        self._service.close()
-        self._pool.shutdown(wait=False)
+        super().__init__(server, PredictCandidates, "~/predict_candidates", self._predict)
 
     def _predict(self, request, response):
         started, server = time.perf_counter(), self._server
@@ -62,137 +54,95 @@ class CandidatesService:
                     field="the answer",
                 )
             response.seed = base.seed
-            candidates = RequestedCandidates(server, request, base.seed)
+            entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
             if request.score:
-                error = candidates.rank(base.max_computation_time)
-                if error is not None:
-                    write_error(response.result, error)
+                order = rank_entries(server, request, base, entries, response.result)
+                order += [k for k in range(len(entries)) if k not in order]
+                entries = [entries[k] for k in order]
             else:
-                candidates.predict(self._pool, started, base.max_computation_time)
-                late = [own for own in candidates.entries if own.result.error_code == ErrorCode.TIMEOUT]
-                if late:
-                    response.result = late[0].result
-            response.predictions = candidates.entries
+                self._predict_each(request, base, entries, started)
+                late = [own.result for own in entries if own.result.error_code == ErrorCode.TIMEOUT]
+                response.result = late[0] if late else response.result
+            response.predictions = entries
         response.computation_time = duration(time.perf_counter() - started)
 
+    def _predict_each(self, request, base, entries, started):
+        """Predict all candidates concurrently, within the time limit since ``started``."""
 
-class RequestedCandidates:
-    """Candidates of one request, and their entries in its answer.
+        def answer(k):
+            limit = base.max_computation_time
+            if limit is not None:
+                limit = max(started + limit - time.perf_counter(), 1e-3)
+            with self._server.errors_into(entries[k].result):
+                own, fields = _with_candidate(request, k, base.seed)
+                self._server.answer(entries[k], own, limits=TimeLimits(limit), fields=fields)
 
-    Parameters
-    ----------
-    server : PredictionServer
-    request : PredictCandidates.Request
-    seed : int
-        Seed of all candidates.
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            list(pool.map(answer, range(len(entries))))
 
-    Attributes
-    ----------
-    entries : list of CandidatePrediction
-        In the order of the request; after `rank` by score, and entries with an error are last.
+
+def rank_entries(
+    server, request: PredictCandidates.Request, base: Job, entries: list[CandidatePrediction], result: Result
+) -> list[int]:
+    """Rank the candidates of a request, write them into their entries, and return their indices in order.
+
+    A candidate with an error is not in the order; its entry holds the error. An error that ended the ranking
+    is written into ``result``, and into each entry that has no answer. ``base`` is the job of the request
+    without candidates.
+
+    Raises
+    ------
+    UncPhysicsError
+        If the score or the shared part of the request is invalid.
     """
+    jobs: dict[int, Job] = {}
+    for k, entry in enumerate(entries):
+        with server.errors_into(entry.result):
+            own, fields = _with_candidate(request, k, base.seed)
+            jobs[k] = server.read(own, fields=fields)
+    if not jobs:
+        return []
+    places = [*jobs]
 
-    def __init__(self, server, request, seed: int):
-        self._server, self._request, self._seed = server, request, seed
-        self.entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
+    def fail(place, error):
+        write_error(entries[places[place]].result, error)
+        server.diagnostics.failed(str(error))
 
-    def predict(self, pool: ThreadPoolExecutor, started: float, time_limit: float | None) -> None:
-        """Predict all candidates concurrently within ``time_limit`` [s] after ``started``."""
-        list(pool.map(lambda k: self._predict(k, started, time_limit), range(len(self.entries))))
-
-    def rank(self, time_limit: float | None) -> UncPhysicsError | None:
-        """Rank all candidates, and order their entries.
-
-        Parameters
-        ----------
-        time_limit : float or None
-            Longest wall time [s].
-
-        Returns
-        -------
-        UncPhysicsError or None
-            Error that ended the ranking early.
-
-        Raises
-        ------
-        UncPhysicsError
-            If the score or the shared part of the request is invalid.
-        """
-        jobs: dict[int, Job] = {}
-        for k, entry in enumerate(self.entries):
-            with self._server.errors_into(entry.result):
-                own, fields = self._own_request(k)
-                jobs[k] = self._server.read(own, fields=fields)
-        order: list[int] = []
-        ended = None
-        while jobs:
-            try:
-                order = self._write(self._ranking([*jobs.values()], time_limit), jobs)
-                break
-            except CandidateError as failed:  # rank the others without it
-                k = [*jobs][failed.candidate]
-                jobs.pop(k)
-                write_error(self.entries[k].result, failed.error)
-                self._server.diagnostics.failed(str(failed.error))
-            except (PredictionTimeoutError, CanceledError) as error:
-                ended = error
-                if error.prediction is not None:
-                    order = self._write(error.prediction, jobs)
-                for k in jobs.keys() - set(order):
-                    write_error(self.entries[k].result, error)
-                break
-        others = [k for k in range(len(self.entries)) if k not in order]
-        self.entries = [self.entries[k] for k in [*order, *others]]
-        return ended
-
-    def _predict(self, k, started, time_limit):
-        """Write the entry of candidate k."""
-        entry = self.entries[k]
-        if time_limit is not None:
-            time_limit = max(started + time_limit - time.perf_counter(), 1e-3)
-        with self._server.errors_into(entry.result):
-            own, fields = self._own_request(k)
-            self._server.answer(entry, own, limits=TimeLimits(time_limit), fields=fields)
-
-    def _own_request(self, k):
-        """Return the request of candidate k, and the names of its objects and actions in error messages."""
-        own, fields = _with_candidate(self._request, k)
-        own.seed = self._seed
-        return own, fields
-
-    def _ranking(self, jobs, time_limit):
-        """Return the ranking of some candidates' jobs."""
-        first = jobs[0]
-        score = read_score(self._request.score, first.regions, first.scene)
-        return rank_candidates(
-            [Candidate(str(k), job.scene, job.belief) for k, job in enumerate(jobs)],
-            first.propagator,
+    score = read_score(request.score, base.regions, jobs[places[0]].scene)
+    try:
+        ranking = rank_candidates(
+            [Candidate(str(k), job.scene, job.belief) for k, job in jobs.items()],
+            base.propagator,
             score.event,
-            first.horizon,
-            times=first.times,
-            smallest_first=score.smallest_first,
-            budget=self._request.budget or None,
-            max_computation_time=time_limit,
-            progress=lambda done, budget: self._server.check_open(),
+            base.horizon,
+            fail,
+            times=base.times,
+            budget=request.budget or None,
+            max_computation_time=base.max_computation_time,
+            progress=lambda done, budget: server.check_open(),
         )
+    except (PredictionTimeoutError, CanceledError) as error:
+        write_error(result, error)
+        ranking = error.prediction
+        answered = () if ranking is None else [int(action.name) for action in ranking]
+        for k in jobs.keys() - set(answered):
+            if entries[k].result.error_code == ErrorCode.NONE:
+                write_error(entries[k].result, error)
+    order = []
+    for action in ranking or ():
+        k = int(action.name)
+        entry, job = entries[k], replace(jobs[k], propagator=action.prediction.propagator)
+        with server.errors_into(entry.result):
+            header = request.request.scene.header
+            write_answer(entry.prediction, header, server.settings, job, action.prediction)
+            write_ranked_action(entry, action, score.negated)
+            server.diagnostics.predicted(action.prediction)
+        if entry.result.error_code == ErrorCode.NONE:
+            order.append(k)
+    return order
 
-    def _write(self, ranking, jobs):
-        """Write a ranking into the entries; return the indices of those without an error, best first."""
-        order, ranked = [], [*jobs]
-        header = self._request.request.scene.header
-        for action in ranking:
-            k, prediction = ranked[int(action.name)], action.prediction
-            entry, job = self.entries[k], replace(jobs[k], propagator=prediction.propagator)
-            with self._server.errors_into(entry.result):
-                write_answer(entry.prediction, header, self._server.settings, job, prediction)
-                write_ranked_action(entry, action)
-                self._server.diagnostics.predicted(prediction)
-            if entry.result.error_code == ErrorCode.NONE:
-                order.append(k)
-        return order
 
-
-def _with_candidate(request, k):
+def _with_candidate(request, k, seed):
     """Return the request for candidate k, and the names of its objects and actions in error messages.
 
     Raises
@@ -212,7 +162,7 @@ def _with_candidate(request, k):
             raise DuplicateIdError("is the id of two objects", field=field, value=message.id)
         replaced[message.id] = j
     own = copy.copy(request.request)
-    own.scene = copy.copy(own.scene)
+    own.scene, own.seed = copy.copy(own.scene), seed
     objects, object_names = [], []
     for i, message in enumerate(own.scene.objects):
         j = replaced.get(message.id)

@@ -273,7 +273,6 @@ class Client:
         score: Event,
         horizon: float | None = None,
         *,
-        smallest_first: bool = False,
         rollouts: int = 1000,
         budget: int = 0,
         **options: Unpack[Options],
@@ -282,7 +281,7 @@ class Client:
 
         Parameters
         ----------
-        scene, belief, actions, score, horizon, smallest_first
+        scene, belief, actions, score, horizon
             As for `unc_physics.rank`. Actions change bodies and the belief about them, not the environment
             and the physics.
         rollouts : int
@@ -308,7 +307,7 @@ class Client:
         instance(score, Event, "score")
         if not actions:
             raise InvalidRequestError("must name at least one action", field="actions")
-        messages, asked = write_score(score, smallest_first)
+        messages, asked = write_score(score)
         options["events"] = [*options.get("events", ()), *asked]
         options["samples"] = whole_number(rollouts, "rollouts", 32)
         base = make_query(scene, belief, REFERENCE, horizon, **options)
@@ -329,7 +328,7 @@ class Client:
             budget=whole_number(budget, "budget", 32),
         )
         answer = self._connection.call(PredictCandidates, "predict_candidates", request)
-        return read_ranking(answer, queries, score, smallest_first)
+        return read_ranking(answer, queries, score)
 
     def predict_long(
         self,

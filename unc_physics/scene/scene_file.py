@@ -419,6 +419,17 @@ def _read(content, field, readers):
     }
 
 
+def read_change(key, value, field):
+    """Return the value of a field of a body or of an element that an action changes."""
+    if value is None:
+        return None
+    readers = {**_BELIEF, **_ACTIONS, "trajectory": read_path}
+    if key in readers:
+        return readers[key](value, field)
+    plain = isinstance(value, list) and all(isinstance(entry, (int, float)) for entry in value)
+    return np.array(value, float) if plain else value
+
+
 def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None, meets=True):
     """Return a packing from the library or a file, cut to its first ``spheres`` and scaled.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from ...prediction.prediction import Prediction
 from ...prediction.rank import RankedAction, Ranking
 from ...prediction.regions import BoxRegion
 from ...prediction.sequential_halving import Difference
+from ...prediction.snapshot import Probability
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from .actions import write_actions
@@ -31,10 +33,10 @@ _MAX_SCORES = 8
 
 
 class ReadScore(NamedTuple):
-    """Event, and whether the candidate with the smallest probability comes first."""
+    """Event whose most probable candidate is the best, and whether it is the opposite of the message's."""
 
     event: Event
-    smallest_first: bool
+    negated: bool
 
 
 def read_score(messages: Sequence, regions: Sequence[BoxRegion], scene: Scene) -> ReadScore:
@@ -64,15 +66,14 @@ def read_score(messages: Sequence, regions: Sequence[BoxRegion], scene: Scene) -
         except InvalidRequestError as error:
             field = (error.field or "").replace(".support", ".other")  # the message's field
             raise InvalidRequestError(error.problem, field=field, value=error.value) from None
-    if len(events) == 1:
-        return ReadScore(events[0], bool(messages[0].smallest_first))
     wanted = [
         ~event if message.smallest_first else event for event, message in zip(events, messages, strict=True)
     ]
-    return ReadScore(functools.reduce(lambda one, other: one & other, wanted), False)
+    negated = len(events) == 1 and bool(messages[0].smallest_first)  # of several, all happen together
+    return ReadScore(functools.reduce(operator.and_, wanted), negated)
 
 
-def write_score(event: Event, smallest_first: bool) -> tuple[list[Score], list[InRegion]]:
+def write_score(event: Event) -> tuple[list[Score], list[InRegion]]:
     """Return the messages that describe an event, and its parts that concern regions.
 
     Raises
@@ -81,15 +82,9 @@ def write_score(event: Event, smallest_first: bool) -> tuple[list[Score], list[I
         If messages cannot describe it.
     """
     parts = event.parts
-    if smallest_first and len(parts) > 1:
-        raise NotSupportedError(
-            "has no message where several events happen together; give its opposite, largest first",
-            field="score",
-            value=str(event),
-        )
     if len(parts) > _MAX_SCORES:
         raise NotSupportedError(f"must be of at most {_MAX_SCORES} events", field="score", value=len(parts))
-    messages = [_write_event(one, smallest_first == happens) for one, happens in parts]
+    messages = [_write_event(one, not happens) for one, happens in parts]
     return messages, [one for one, _ in parts if isinstance(one, InRegion)]
 
 
@@ -172,13 +167,21 @@ def write_candidate(
     return message
 
 
-def write_ranked_action(entry: CandidatePrediction, action: RankedAction) -> None:
-    """Write a ranked action into a candidate's entry."""
-    entry.score = write_probability(action.score)
-    entry.difference, entry.difference_std = action.difference.value, action.difference.std
+def write_ranked_action(entry: CandidatePrediction, action: RankedAction, negated: bool) -> None:
+    """Write a ranked action into a candidate's entry; ``negated`` is that of `ReadScore`."""
+    score, difference = action.score, action.difference.value
+    if negated:
+        score, difference = _opposite(score), -difference
+    entry.score = write_probability(score)
+    entry.difference, entry.difference_std = difference, action.difference.std
     if action.margin is not None:
         entry.has_margin, entry.margin = True, float(action.margin)
     entry.tied, entry.clearly_worse = action.tied, action.clearly_worse
+
+
+def _opposite(p: Probability) -> Probability:
+    """Return the probability that the event does not happen."""
+    return replace(p, estimate=1.0 - p.estimate, low=1.0 - p.high, high=1.0 - p.low)
 
 
 def read_candidate(entry: CandidatePrediction, query: Query, noun: str = "candidate") -> Prediction:
@@ -191,9 +194,7 @@ def read_candidate(entry: CandidatePrediction, query: Query, noun: str = "candid
         raise named from None
 
 
-def read_ranking(
-    answer: PredictCandidates.Response, queries: Mapping[str, Query], score: Event, smallest_first: bool
-) -> Ranking:
+def read_ranking(answer: PredictCandidates.Response, queries: Mapping[str, Query], score: Event) -> Ranking:
     """Return the ranking of a node's answer.
 
     Raises
@@ -209,10 +210,9 @@ def read_ranking(
         ranked = [entry for entry in answer.predictions if entry.result.error_code == Result.NONE]
         if ranked:
             partial = PredictCandidates.Response(predictions=ranked, seed=answer.seed)
-            error.prediction = read_ranking(partial, queries, score, smallest_first)
+            error.prediction = read_ranking(partial, queries, score)
         raise error
-    opposite = write_score(score, smallest_first)[0][0].smallest_first != smallest_first
-    flipped = opposite and len(score.parts) == 1
+    flipped = len(score.parts) == 1 and write_score(score)[0][0].smallest_first
     actions, first = [], next(iter(answer.predictions))
     differences = [
         Difference(
@@ -228,7 +228,7 @@ def read_ranking(
         prediction = read_candidate(entry, replace(query, propagator=propagator), "action")
         share = read_probability(entry.score, entry.prediction.rollouts)
         if flipped:  # the message has the probability of the opposite
-            share = replace(share, estimate=1.0 - share.estimate, low=1.0 - share.high, high=1.0 - share.low)
+            share = _opposite(share)
         actions.append(
             RankedAction(
                 entry.candidate,
@@ -241,7 +241,7 @@ def read_ranking(
                 entry.prediction.rollouts,
             )
         )
-    return Ranking(tuple(actions), score, smallest_first, answer.seed)
+    return Ranking(tuple(actions), score, answer.seed)
 
 
 def _equal(one, other):
