@@ -182,7 +182,7 @@ def _served(package, examples, kind) -> Iterator[_Tree]:
 
 
 def _tree(revision) -> Path:
-    """Return the folder of a revision's files; its place is always the same, as as numba caches by it."""
+    """Return the folder of a revision's files; its place is always the same, as numba caches by it."""
     place = ROOT / ".pytest_cache" / "same_bits" / revision
     if not place.exists():
         command = ["git", "-C", str(ROOT), "archive", revision]

@@ -1,0 +1,231 @@
+"""What the measures of the code count, in a small package whose calls, constants and tests are known."""
+
+import subprocess
+
+import pytest
+
+from unc_physics_evaluation import code_metrics, mutation
+from unc_physics_evaluation.call_walk import Package, Place, passed
+
+SOURCES = {
+    "__init__.py": "",
+    "node.py": """
+        from . import methods
+        from .job import Job
+        from .messages.read import read
+
+        class Server:
+            job: Job
+
+            def __init__(self):
+                self.log = Log()
+
+            def answer(self, request):
+                for part in read(request):
+                    part.check(part.looked_at)
+                self.log.add(self.job.run().size)
+                return submit(self._later, methods.BY_NAME["fast"])
+
+            def _later(self):
+                raise Unknown(self.unknown())
+
+            def not_called(self):
+                never()
+
+        class Log:
+            def add(self, text): ...
+
+        def submit(function, method): ...
+        def never(): ...
+        """,
+    "job.py": """
+        from dataclasses import dataclass
+        from .methods import Method
+        from .physics.step import kernel, step
+
+        class Job:
+            def run(self) -> "Result | None":
+                raise NotImplementedError
+
+        @dataclass
+        class Real(Job):
+            method: Method
+
+            def run(self) -> Result:
+                step()
+                with self.method.limited() as limit:
+                    return Result(limit.passed)
+
+        class Result:
+            def __init__(self, value): ...
+
+            @property
+            def size(self): ...
+        """,
+    "methods.py": """
+        TABLE = {}
+
+        def enter(function):
+            TABLE[function.__name__] = function
+            return function
+
+        def slow(): ...
+        def fast(): ...
+
+        BY_NAME = {"slow": slow, "fast": fast}
+
+        @enter
+        def entered(): ...
+
+        class Limit:
+            @property
+            def passed(self): return TABLE["entered"]()
+
+        class Method:
+            def limited(self) -> Limit: return super().other()
+        """,
+    "messages/__init__.py": "from .read import read",
+    "messages/read.py": """
+        from ..parts import Part
+
+        def read(request) -> list[Part]:
+            return [Part(text) for text in request]
+        """,
+    "parts.py": """
+        class Base:
+            def __post_init__(self): ...
+            def check(self, look): self.looked_at()
+            def looked_at(self): ...
+
+        class Part(Base):
+            def looked_at(self): super().looked_at()
+        """,
+    "physics/step.py": """
+        from ..parts import unrelated
+
+        @kernel
+        def step(): inner_step()
+
+        def inner_step(): ...
+        """,
+}
+
+
+def write(folder, sources):
+    for name, text in sources.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lines = text.splitlines()
+        margin = min((len(line) - len(line.lstrip()) for line in lines if line.strip()), default=0)
+        path.write_text("\n".join(line[margin:] for line in lines) + "\n")
+
+
+def test_the_walk_passes_what_can_be_called(tmp_path):
+    write(tmp_path / "small", SOURCES)
+    entry, real = Place("small.node", "Server.answer"), Place("small.job", "Real")
+    found = {
+        ".".join(place).removeprefix("small.") for place in passed(Package(tmp_path / "small"), entry, real)
+    }
+    assert found == {
+        *("node.Server.answer", "node.Server._later", "node.Log.add", "node.submit"),
+        *("messages.read.read", "parts.Base.__post_init__", "parts.Base.check", "parts.Base.looked_at"),
+        *("parts.Part.looked_at", "job.Real.run", "job.Result.__init__", "job.Result.size"),
+        *(
+            "methods.Method.limited",
+            "methods.Limit.passed",
+            "methods.slow",
+            "methods.fast",
+            "methods.entered",
+        ),
+        "physics.step.step",  # compiled: the walk ends there
+    }
+
+
+def test_without_an_implementation_the_declared_class_is_passed(tmp_path):
+    write(tmp_path / "small", SOURCES)
+    found = passed(Package(tmp_path / "small"), Place("small.node", "Server.answer"))
+    assert Place("small.job", "Job.run") in found and Place("small.job", "Real.run") not in found
+
+
+def test_constants_that_somebody_chose(tmp_path):
+    path = tmp_path / "solver.py"
+    path.write_text(
+        "SWEEPS, COLUMN, GUARD = 200, 7, 1e-12\n"
+        "SAME = 1.0 - 1e-9\n"
+        "SHARE = -0.3\n"
+        "LEVELS = 0.97, 1.05\n"
+        "TWICE = 2.0 * SHARE\n"
+        "lower = 0.1\n"
+        "def solve(x):\n"
+        "    for k in range(min(SWEEPS, 5)):\n"
+        "        x[COLUMN] += 0.75 * x[0] / 24.0 + 0.05\n"
+        "    return x[COLUMN] > 0.0\n"
+    )
+    found = [(constant.name, constant.value) for constant in code_metrics.tuned_constants([path])]
+    assert found == [("SWEEPS", 200), ("SHARE", -0.3), ("LEVELS", 0.97), ("LEVELS", 1.05), ("", 0.05)]
+
+
+def test_each_mutant_has_one_change():
+    source = (
+        "import math\n"
+        "LIMIT = 2.0\n"
+        "@kernel\n"
+        "def compiled(x): return x + 1\n"
+        "def rule(x, y):\n"
+        '    """Text."""\n'
+        "    if x < y and not y:\n"
+        "        raise\n"
+        "    x += 1\n"
+        "    return max(x, key=y) if y else -x\n"
+    )
+    changes = [str(mutant) for mutant in mutation.mutants("a.py", source)]
+    assert [change.removeprefix("a.py:") for change in changes] == [
+        "2: 2.0 -> 3.0",
+        "7: if x < y and (not y): raise -> if not (x < y and (not y)): raise",
+        "7: x < y and (not y) -> x < y or not y",
+        "7: x < y -> x <= y",
+        "7: not y -> y",
+        "8: raise -> pass",
+        "9: x += 1 -> pass",
+        "9: 1 -> 2",
+        "10: return max(x, key=y) if y else -x -> return",
+        "10: max(x, key=y) if y else -x -> -x if y else max(x, key=y)",
+        "10: max(x, key=y) -> max(x)",
+        "10: max -> min",
+        "10: -x -> x",
+    ]
+    for mutant in mutation.mutants("a.py", source):
+        compile(mutant.source, "a.py", "exec")
+
+
+@pytest.mark.slow
+def test_tests_find_mutants(tmp_path):
+    """Of a limit with a test at it, of one without, and of a function without tests."""
+    sources = {
+        "unc_physics/__init__.py": "",
+        "unc_physics/rule.py": """
+            def near(x, limit):
+                return x < limit
+            def far(x, limit):
+                return x > limit
+            def idle(x):
+                return -x
+            """,
+        "test/test_rule.py": """
+            from unc_physics.rule import far, near
+            def test_near(): assert near(4, 5) and not near(5, 5)
+            def test_far(): assert far(8, 6) and not far(0, 6)
+            """,
+    }
+    write(tmp_path, sources)
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    subprocess.run(["git", "-C", tmp_path, "add", "."], check=True)
+    drawn = mutation.tried(tmp_path, ["unc_physics/rule.py"], ["test"], 99, 0)
+    assert {mutant.change: verdict for mutant, verdict in drawn} == {
+        "return x < limit -> return": "found",
+        "x < limit -> x <= limit": "found",
+        "return x > limit -> return": "found",
+        "x > limit -> x >= limit": "not found",
+        "return -x -> return": "not executed",
+        "-x -> x": "not executed",
+    }
