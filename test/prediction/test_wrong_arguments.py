@@ -78,16 +78,6 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
             lambda: Scene.everyday(SCENE.bodies, mu=0.4),
             "mu is no argument of Scene; did you mean 'friction'? (got 0.4)",
         ),
-        *(
-            (
-                lambda made=made: made(SCENE.bodies, islands=True),
-                (
-                    "islands is no argument of Scene; it was removed in version 0.3: leave it out; for many"
-                    " bodies take 'cloud' (got True)"
-                ),
-            )
-            for made in (Scene, Scene.everyday)
-        ),
         (
             lambda: BodyBelief(pos=(0, 0, 1)),
             "pos is no argument of BodyBelief; did you mean 'position'? (got (0, 0, 1))",
@@ -150,3 +140,17 @@ def test_a_wrong_argument_is_named(call, words):
     with pytest.raises(UncPhysicsError) as caught:
         call()
     assert str(caught.value) == words
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: Scene(SCENE.bodies, islands=True),
+        lambda: Scene.everyday(SCENE.bodies, islands=False),
+        lambda: make_propagator("sigma_points", reduce=True),
+        lambda: make_propagator("monte_carlo", reduce=False),
+    ],
+)
+def test_an_argument_of_an_earlier_version_is_refused(call):
+    with pytest.raises(UncPhysicsError, match=r"^(islands|reduce) was removed in version 0\.3: leave it out"):
+        call()

@@ -64,29 +64,6 @@ def test_reduction_splits_a_belief_into_what_matters_and_what_all_share():
     assert found.relative[8].any() and not found.common[8].any(), "a parameter is no motion"
 
 
-def test_reduced_samples_have_the_moments_of_others(loaded):
-    """After a collision: what all bodies share is added to fewer directions."""
-    scene, belief, _ = loaded("two_bodies")
-    plain, reduced = (
-        predict(scene, belief, make_propagator("monte_carlo", samples=4000, reduce=reduce), 1.2).belief
-        for reduce in (False, True)
-    )
-    stds = [np.sqrt(np.diagonal(found.joint)) for found in (reduced, plain)]
-    assert np.abs((reduced.mean - plain.mean)[:, :6]).max() < 0.15 * stds[1].max()
-    np.testing.assert_allclose(*stds, rtol=0.15)
-
-
-def test_reduced_points_are_fewer_and_exact_in_free_flight(loaded):
-    scene, belief, _ = loaded("two_bodies")
-    points = make_propagator("sigma_points", reduce=True)
-    carry = points.init(scene, belief)
-    assert len(carry.states) < len(make_propagator("sigma_points").init(scene, belief).states)
-    np.testing.assert_allclose(points.belief(carry, scene).joint, belief.joint, atol=1e-12)
-    far = Belief(belief.mean + 100.0 * np.eye(2, 13), belief.covariance)
-    after, exact = (predict(scene, far, method, 1.0).belief.joint for method in (points, "linearization"))
-    np.testing.assert_allclose(after, exact, atol=1e-3 * exact.max())
-
-
 # -- the surface -------------------------------------------------------------------------------------
 
 

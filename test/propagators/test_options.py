@@ -22,7 +22,7 @@ class Toy(MonteCarlo):
 
 
 def test_they_are_described():
-    assert list(Toy.options()) == ["samples", "seed", "reduce", "share", "fast", "way"]
+    assert list(Toy.options()) == ["samples", "seed", "share", "fast", "way"]
     texts = {option.name: option.as_text() for option in Toy.described_options()}
     assert texts["share"] == "a share; default 0.5"
     assert texts["way"] == "which way (short or long); default short"

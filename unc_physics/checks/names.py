@@ -24,8 +24,11 @@ _ELSEWHERE = {
     "velocity": "linear_velocity",
     "omega": "angular_velocity",
 }
-#: Names of earlier versions, and what to do instead.
-_REMOVED = {"islands": "removed in version 0.3: leave it out; for many bodies take 'cloud'"}
+#: Keys, arguments and options of earlier versions, and what to do instead.
+_REMOVED = {
+    "islands": "was removed in version 0.3: leave it out; for many bodies take 'cloud'",
+    "reduce": "was removed in version 0.3: leave it out; 'cloud' leaves common motion to a closed form",
+}
 Class = TypeVar("Class", bound=type)
 
 
@@ -39,23 +42,18 @@ def hint(name: str, known: Iterable[str]) -> str:
 
 
 def suggestion(name: object, known: Iterable[str]) -> str:
-    """Return the end of a sentence about an unknown name: the known name that is meant, or nothing.
-
-    Of a name from an earlier version it says when it was removed, and what to do.
-    """
+    """Return the end of a sentence about an unknown name: the known name that is meant, or nothing."""
     known = list(known)
     if not isinstance(name, str):
         return ""
-    if name in _REMOVED:
-        return f"; it was {_REMOVED[name]}"
     close = [own for own in [_ELSEWHERE.get(name)] if own in known]
     close += difflib.get_close_matches(name[:50], known, n=1)
     return f"; did you mean '{close[0]}'?" if close else ""
 
 
 def removed(name: str) -> str | None:
-    """Return the problem of a name from an earlier version; None of other names."""
-    return f"was {_REMOVED[name]}" if name in _REMOVED else None
+    """Return the problem of a key, argument or option of an earlier version; None of other names."""
+    return _REMOVED.get(name)
 
 
 def one_of(name: object, known: Iterable[str]) -> str:
@@ -73,9 +71,8 @@ def with_named_arguments(cls: Class) -> Class:
     def checked(self, *values, **given):
         for name, value in given.items():
             if name not in known:
-                raise InvalidRequestError(
-                    f"is no argument of {type(self).__name__}{hint(name, known)}", field=name, value=value
-                )
+                problem = removed(name) or f"is no argument of {type(self).__name__}{hint(name, known)}"
+                raise InvalidRequestError(problem, field=name, value=value)
         init(self, *values, **given)
 
     cls.__init__ = checked

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..checks.errors import InvalidOptionError, UnknownPropagatorError
-from ..checks.names import one_of, suggestion
+from ..checks.names import one_of, removed, suggestion
 from ..checks.validation import instance
 from .base import Propagator
 from .names import BUILT_IN, entries
@@ -69,9 +69,8 @@ def _made(name, options):
     for option, value in options.items():
         if option not in known:
             takes = f"its options are {', '.join(known)}" if known else "it takes none"
-            raise InvalidOptionError(
-                f"is no option of {name}; {takes}{suggestion(option, known)}", field=option, value=value
-            )
+            problem = removed(option) or f"is no option of {name}; {takes}{suggestion(option, known)}"
+            raise InvalidOptionError(problem, field=option, value=value)
     return cls(**options)
 
 

@@ -16,9 +16,7 @@ from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERROR
 from ..spatial.moments import mean_and_errors, second_moment, spread_states, symmetric_root
 from .base import PointPairs, Supports, Traits
-from .free_flight import course_of
 from .options import option
-from .reduction import common_covariance, reduction, symmetric
 from .rollouts import SimulatedRollouts
 from .start import resolve_initial_overlap
 
@@ -27,16 +25,13 @@ class SigmaPointCarry(NamedTuple):
     """Persistent state: ``states`` (2 n + 1, B, 13) of the centres of mass; point 0 began at the mean.
 
     ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step``
-    counts the steps done; ``contact_history`` is what the rollouts remember of their contacts. ``motion``
-    (6, c) are the common translations and velocities at time 0 that no point was spread along: empty without
-    reduction.
+    counts the steps done; ``contact_history`` is what the rollouts remember of their contacts.
     """
 
     states: np.ndarray
     contact_history: ContactHistory
     step: int
     parameters: np.ndarray
-    motion: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -63,16 +58,9 @@ class SigmaPoints(SimulatedRollouts, PointPairs):
         "directions that points are spread along: the uncertain ones, or all",
         choices=("minimal", "full"),
     )
-    #: common motion is that of bodies that can meet nothing but each other (`reduction`); the option does
-    #: nothing where there is something else to meet
-    reduce: bool = option(False, "whether minimal points leave common motion to a closed form")
 
     def init(self, scene, belief):
         root = belief.root() if self.points == "minimal" else symmetric_root(belief.joint)
-        motion = np.zeros((6, 0))
-        if self.reduce and self.points == "minimal" and symmetric(scene):
-            reduced = reduction(root)
-            root, motion = root @ reduced.relative, reduced.motion
         rank, extra = root.shape[1], len(scene.uncertain)
         count = rank + extra
         far = np.sqrt(count + 0.5)
@@ -83,15 +71,12 @@ class SigmaPoints(SimulatedRollouts, PointPairs):
         states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
         states, history = resolve_initial_overlap(scene, belief, states)
         states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
-        return SigmaPointCarry(states, history, 0, z, motion)
+        return SigmaPointCarry(states, history, 0, z)
 
     def belief(self, carry, scene):
         states = moved_along(carry.states, -center_offsets(scene, carry.parameters))
         mean, errors = mean_and_errors(states, scene.moving.copy())
-        P = second_moment(errors)
-        if carry.motion.size:
-            P += common_covariance(carry.motion, course_of(scene.world, carry.step), len(scene.moving))
-        return Belief.trusted(mean, P, scene.moving)
+        return Belief.trusted(mean, second_moment(errors), scene.moving)
 
     def point_count(self, scene, belief):
         rank = ERROR * len(belief.moving)

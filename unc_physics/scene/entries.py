@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..checks.errors import InvalidRequestError, UncPhysicsError
-from ..checks.names import hint
+from ..checks.names import hint, removed
 from ..checks.validation import array, number
 from .body_belief import three_stds
 
@@ -51,4 +51,6 @@ def check_keys(content, known, field, error: type[UncPhysicsError] = InvalidRequ
         if not isinstance(key, str):
             raise error("has a key that is no text", field=field, value=key)
         if key not in known:
+            if gone := removed(key):
+                raise error(f"has the key {key!r}, which {gone}", field=field)
             raise error(f"has no key {key[:50]!r}{hint(key, known)}", field=field)
