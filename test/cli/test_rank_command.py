@@ -101,7 +101,10 @@ BAD = {
     "of what is reported": ({"also": [{"upright": "cup"}]}, "also[0].object names no body of the scene"),
     "no actions": ({"actions": {}}, "actions must name at least one action"),
     "actions in a list": ({"actions": [1]}, "actions must be a mapping of names to changes"),
-    "a key of version 0.2": ({"smallest_first": True}, "smallest_first is no key since version 0.3; negate"),
+    "a key of version 0.2": (
+        {"smallest_first": True},
+        "actions file has the key 'smallest_first', which was removed in version 0.3: negate",
+    ),
     "two regions of a name": (
         {"regions": [{"name": "bin", "size": [1, 1, 1]}] * 2},
         "regions[1].name is the name of two regions",

@@ -275,6 +275,10 @@ BAD = {
         {"score": ~FellOff("box", "shelve")},
         "score.support is neither.*did you mean 'shelf'",
     ),
+    "an argument of version 0.2": (
+        {"smallest_first": True},
+        "smallest_first was removed in version 0.3: negate the score",
+    ),
     "no rollouts": ({"rollouts": 0}, "rollouts must be at least 1"),
     "a small budget": ({"budget": 2}, "budget must be at least one rollout for each of 3 actions.*got 2"),
     "no horizon": ({"horizon": -1.0}, r"actions\['far'\]: horizon must be positive"),

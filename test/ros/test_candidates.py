@@ -26,26 +26,25 @@ from unc_physics import (
     rank,
 )
 from unc_physics import BoxRegion as CoreRegion
-from unc_physics.checks.errors import ErrorCode, NotSupportedError, PredictionTimeoutError
+from unc_physics.checks.errors import ErrorCode, NotSupportedError, PredictionTimeoutError, UncPhysicsError
 from unc_physics.prediction.rank import rank_candidates
 from unc_physics.ros import Client as CoreClient
 from unc_physics.ros import candidates as node_candidates
 from unc_physics.ros.messages.fields import duration, seconds, write_error
 from unc_physics.ros.messages.frames import Frames
-from unc_physics.ros.messages.query import Query
-from unc_physics.ros.messages.ranking import read_ranking
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
-from unc_physics.scene.marks import Mark
 from unc_physics_msgs.msg import (
     Action,
     AppliedWrench,
     Attachment,
     BoxRegion,
     Candidate,
+    CandidatePrediction,
     EnvironmentElement,
     ObjectState,
+    Result,
     Score,
 )
 from unc_physics_msgs.srv import PredictCandidates
@@ -104,46 +103,42 @@ def test_bad_candidates_leave_the_others_intact(node, client, scores):
     assert typo.result.error_msg.startswith("candidates[2].objects[0].id is no object of the scene; did you")
 
 
-def test_a_ranking_that_is_ended_holds_what_was_ranked(monkeypatch):
-    """In this process, where it can be ended for certain; the client reads it as a `Ranking`."""
-    request = ranked([ABOVE], candidates=[over("beside", 0.4), over("over", 0.0)])
-    request.request.return_covariance = request.request.return_center_of_mass = True
+@pytest.mark.parametrize("rounds", [0, 1])
+def test_a_ranking_that_is_ended_holds_what_was_ranked(monkeypatch, rounds):
+    """In this process, where it can be ended for certain, before and after the first round."""
+    request = ranked([ABOVE], candidates=[over("beside", 0.4), over("bad", 0.0), over("over", 0.0)])
+    request.candidates[1].objects[0].mass = -1.0
 
-    def second_round_ends(*arguments, **options):
-        error = PredictionTimeoutError("ran out after 40 rollouts", field="max_computation_time", value=0.3)
-        error.prediction = rank_candidates(*arguments, **options | {"max_computation_time": None})
+    def next_round_ends(*arguments, **options):
+        error = PredictionTimeoutError("ran out", field="max_computation_time", value=0.3)
+        error.prediction = rank_candidates(*arguments, **options) if rounds else None
         raise error
 
-    monkeypatch.setattr(node_candidates, "rank_candidates", second_round_ends)
+    monkeypatch.setattr(node_candidates, "rank_candidates", next_round_ends)
     settings, library = Settings(zero_covariance="exact"), ModelLibrary()
     server = SimpleNamespace(
         settings=settings,
         read=lambda request, fields=None: read_request(request, settings, library, Frames(), fields=fields),
         diagnostics=SimpleNamespace(predicted=lambda prediction: None),
-        errors_into=lambda result: contextlib.nullcontext(),
         check_open=lambda: None,
     )
-    candidates = node_candidates.RequestedCandidates(server, request, 3)
-    error = candidates.rank(0.3)
-    codes = [(entry.candidate, entry.result.error_code) for entry in candidates.entries]
-    assert codes == [("over", 0), ("beside", 0)]
-    response = PredictCandidates.Response(predictions=candidates.entries, seed=3)
-    write_error(response.result, error)
-    found = server.read(request.request)
-    query = Query(
-        scene=found.scene,
-        belief=found.belief,
-        propagator=found.propagator,
-        marks=[Mark(120, 0.0, 0.5)],
-        seed=3,
-        regions=found.regions,
-        outputs=found.outputs,
-    )
-    queries = {"over": query, "beside": query}
-    with pytest.raises(PredictionTimeoutError) as raised:
-        read_ranking(response, queries, InRegion("box", found.regions[0]), False)
-    ranking = raised.value.prediction
-    assert [action.name for action in ranking] == ["over", "beside"] and ranking["over"].score.estimate > 0.9
+
+    @contextlib.contextmanager
+    def errors_into(result):
+        try:
+            yield
+        except UncPhysicsError as error:
+            write_error(result, error)
+
+    server.errors_into = errors_into
+    entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
+    request.request.propagator, result = "monte_carlo", Result()
+    order = node_candidates.rank_entries(server, request, server.read(request.request), entries, result)
+    assert order == ([2, 0] if rounds else []) and result.error_code == ErrorCode.TIMEOUT
+    codes = [entry.result.error_code for entry in entries]
+    others = ErrorCode.NONE if rounds else ErrorCode.TIMEOUT
+    assert codes == [others, ErrorCode.INVALID_MASS, others]
+    assert [bool(entry.prediction.objects) for entry in entries] == [bool(rounds), False, bool(rounds)]
 
 
 def over(name, x):
@@ -214,6 +209,10 @@ def test_scores_count_together(node, client):
     assert [entry.candidate for entry in together] == [entry.candidate for entry in alone]
     assert [entry.candidate for entry in together] == ["over", "edge", "beside"]
     assert together[0].score.probability > 0.9 and alone[0].score.probability < 0.1
+    best, *others = alone  # an event that is not wanted has its own probability, not that of its opposite
+    assert best.difference == 0.0 and all(entry.difference > 0.0 for entry in others)
+    assert best.score.low <= best.score.probability <= best.score.high < others[-1].score.low
+    assert best.margin > 0.0 > others[-1].margin and others[-1].clearly_worse
 
 
 def alike(*names):

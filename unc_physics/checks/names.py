@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
-from collections.abc import Iterable
-from typing import TypeVar
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 from .errors import InvalidRequestError
 
@@ -28,8 +28,10 @@ _ELSEWHERE = {
 _REMOVED = {
     "islands": "was removed in version 0.3: leave it out; for many bodies take 'cloud'",
     "reduce": "was removed in version 0.3: leave it out; 'cloud' leaves common motion to a closed form",
+    "smallest_first": "was removed in version 0.3: negate the score instead ('not' in files, ~ in Python)",
 }
 Class = TypeVar("Class", bound=type)
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def hint(name: str, known: Iterable[str]) -> str:
@@ -64,16 +66,21 @@ def one_of(name: object, known: Iterable[str]) -> str:
 
 def with_named_arguments(cls: Class) -> Class:
     """Decorate a dataclass so that an unknown keyword is refused with the known one that is meant."""
-    init = cls.__init__
-    known = [name for name in inspect.signature(init).parameters if name != "self"]
+    cls.__init__ = with_known_keywords(cls.__init__, lambda self: type(self).__name__)
+    return cls
 
-    @functools.wraps(init)
-    def checked(self, *values, **given):
+
+def with_known_keywords(function: Function, name_of: Callable[..., str] | None = None) -> Function:
+    """Decorate a function likewise; ``name_of`` returns its name in errors, from its first argument."""
+    known = [name for name in inspect.signature(function).parameters if name != "self"]
+
+    @functools.wraps(function)
+    def checked(*values, **given):
         for name, value in given.items():
             if name not in known:
-                problem = removed(name) or f"is no argument of {type(self).__name__}{hint(name, known)}"
+                owner = function.__name__ if name_of is None else name_of(values[0])
+                problem = removed(name) or f"is no argument of {owner}{hint(name, known)}"
                 raise InvalidRequestError(problem, field=name, value=value)
-        init(self, *values, **given)
+        return function(*values, **given)
 
-    cls.__init__ = checked
-    return cls
+    return checked  # pyright: ignore[reportReturnType]

@@ -7,5 +7,5 @@
 - Status: `status` holds the functions for users. They call `diagnosis`, which decides on rollouts. For each
   snapshot it collects `evidence` (data), applies the rules of `diagnostics` (measure, limit, message), and
   makes a `body_status` for each body (result). `conservation_checks` and `rare_outcomes` compute measures.
-- Actions: `actions`, `actions_file`, `candidates`, `rank`, `sequential_halving`, `ranking_table`.
+- Ranking: `rank`, `sequential_halving`, `actions` (changes of a scene and a belief), `actions_file`.
 """

@@ -17,7 +17,6 @@ from .event_entries import read_event, read_events, read_region
 from .events import Event
 
 _KEYS = ("scene", "horizon", "regions", "score", "also", "actions")
-_SMALLEST_FIRST = "is no key since version 0.3; negate the score instead, as in 'score: {not: {...}}'"
 
 
 class LoadedActions(NamedTuple):
@@ -42,8 +41,6 @@ def load_actions(
     if isinstance(content, dict) and "bodies" in content:
         problem = "is a scene file, which 'predict' and 'view' take; name it as 'scene' in a file of actions"
         raise InvalidRequestError(problem, field="actions file", value=str(path))
-    if isinstance(content, dict) and "smallest_first" in content:
-        raise InvalidRequestError(_SMALLEST_FIRST, field="smallest_first")
     check_keys(content, _KEYS, "actions file")
     for key in ("scene", "score", "actions"):
         if content.get(key) is None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..checks.errors import InvalidRequestError, LimitExceededError, PredictionTimeoutError, UncPhysicsError
-from ..checks.names import hint
+from ..checks.names import hint, with_known_keywords
 from ..checks.shown import printable
 from ..checks.validation import instance, integer, positive
 from ..compiler.compile_time import clock
@@ -174,6 +174,7 @@ class Ranking:
         return "\n".join(lines + notes)
 
 
+@with_known_keywords
 @np.errstate(all="ignore")  # what overflows is found when beliefs are made
 def rank(
     scene: Scene,
