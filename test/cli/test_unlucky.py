@@ -85,9 +85,7 @@ def test_a_picture_that_cannot_be_written(scene, tmp_path, capsys, monkeypatch, 
 
     monkeypatch.setattr(Figure, "savefig", no_room)
     picture = str(tmp_path / "picture.png")
-    arguments = (
-        ["show", "pin", "--levels", "5", "-o"] if command == "show" else ["predict", str(scene), "--picture"]
-    )
+    arguments = ["show", "pin", "-o"] if command == "show" else ["predict", str(scene), "--picture"]
     assert main([*arguments, picture]) == ErrorCode.OUTPUT_FAILED
     (line,) = text_of(capsys)[1]
     assert "cannot be written: No space left on device" in line and "picture.png" in line
@@ -214,7 +212,8 @@ def test_models_of_a_folder_that_is_none(capsys):
 def test_a_limit_of_memory_that_is_no_number_is_told(scene, capsys, monkeypatch):
     for value in ("nan", "-1", "much"):
         monkeypatch.setenv("UNC_PHYSICS_MEMORY", value)
-        assert main(["predict", str(scene), "--json", "--samples-out", "1000000"]) == ErrorCode.INVALID_OPTION
+        many = ["--propagator", "monte_carlo", "--samples", "1000000"]
+        assert main(["predict", str(scene), *many]) == ErrorCode.INVALID_OPTION
         (line,) = text_of(capsys)[1]
         assert f"UNC_PHYSICS_MEMORY must be a number of bytes (got '{value}')" in line
 
@@ -227,7 +226,7 @@ def test_what_is_as_asked_for_gets_no_note(scene, capsys):
 def test_a_file_that_is_replaced_is_noted(tmp_path, capsys):
     picture = str(tmp_path / "pin.png")
     for notes in (0, 1):
-        assert main(["show", "pin", "--levels", "5", "-o", picture]) == 0
+        assert main(["show", "pin", "-o", picture]) == 0
         err = text_of(capsys)[1]
         assert len(err) == notes and all("was there already, and is replaced" in line for line in err)
 

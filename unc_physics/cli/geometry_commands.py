@@ -105,17 +105,10 @@ def add_show_command(commands) -> None:
     parser = commands.add_parser(
         "show",
         help="draw a model",
-        description="Draw the bounding box of a model's mesh and its spheres at several levels into a PNG.",
+        description="Draw the bounding box of a model's mesh, and its first 10, 100 ... spheres, into a PNG.",
     )
     parser.add_argument("model", metavar="MODEL", help="a model's name, or the path of its file")
     parser.add_argument("-o", "--output", metavar="OUT.png", help="picture to write (default: MODEL.png)")
-    parser.add_argument(
-        "--levels",
-        type=int,
-        nargs="+",
-        metavar="K",
-        help="numbers of spheres to draw (default: powers of ten, and all)",
-    )
     parser.add_argument(
         "--up", choices="xyz", default="z", help="axis that points up in the picture (default z)"
     )
@@ -269,22 +262,11 @@ def _aligned(rows):
 def run_show(arguments: argparse.Namespace) -> int:
     """Draw a model."""
     _require("matplotlib")
-    from ..checks.errors import InvalidModelError
     from ..geometry.library import load_model
     from ..geometry.picture import draw_levels
 
     packing = load_model(arguments.model, arguments.models)
-    levels = arguments.levels or sorted(
-        {k for k in (10, 100, 1000, 10_000) if k < len(packing)} | {len(packing)}
-    )
-    for level in levels:
-        if not 1 <= level <= len(packing):
-            raise InvalidModelError(
-                f"must be between 1 and the {len(packing)} spheres of the model",
-                field="--levels",
-                value=level,
-            )
-    parts = [packing.prefix(k) for k in levels]
+    parts = [packing.prefix(k) for k in (10, 100, 1000, 10_000) if k < len(packing)] + [packing]
     output = check_output(arguments.output or f"{Path(arguments.model).stem}.png", ".png", "--output")
     with writing(output, "--output"):
         draw_levels(output, parts, up=arguments.up)

@@ -6,6 +6,7 @@ import argparse
 from importlib.metadata import entry_points
 
 from .. import __version__
+from ..checks.names import removed
 from ..checks.shown import printable
 from .calibrate_command import add_calibrate_command
 from .geometry_commands import add_models_command, add_pack_command, add_show_command
@@ -23,6 +24,9 @@ class OneSentenceParser(argparse.ArgumentParser):
     """Argument parser that reports errors in one sentence without usage."""
 
     def error(self, message):
+        for word in message.split():
+            if word.startswith("--") and (gone := removed(word.partition("=")[0])):
+                message = f"{word} {gone}"
         self.exit(2, f"{self.prog}: {printable(message)}; see {self.prog} --help\n")
 
 

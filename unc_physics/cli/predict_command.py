@@ -14,7 +14,6 @@ from ..checks.shown import printable
 from ..propagators.names import ANYTIME, entries
 from .output import check_output, note, progress_display, writing
 
-_SHOWN_STATE = 1000.0  # bytes of a body's state as Python numbers and as text
 _REMEDY = f"use {ANYTIME}, or a propagator with --samples 300"
 _UNKNOWN = 20  # limit above which unknown probabilities are only counted
 
@@ -83,9 +82,6 @@ def add_predict_command(commands) -> None:
     )
     parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
-    parser.add_argument(
-        "--samples-out", type=int, metavar="N", help="with --json: also print N sampled states of each body"
-    )
     parser.set_defaults(run=run)
 
 
@@ -134,17 +130,8 @@ def run(arguments) -> int:
 
 def _check_outputs(arguments):
     """Raise an error for output options that cannot be fulfilled."""
-    from ..checks.errors import InvalidOptionError
-    from ..checks.validation import integer
-
     if arguments.picture is not None:
         check_picture(arguments.picture)
-    if arguments.samples_out is not None:
-        integer(arguments.samples_out, "--samples-out", low=1)
-        if not arguments.json:
-            raise InvalidOptionError(
-                "needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out
-            )
 
 
 def _propagator(arguments):
@@ -184,7 +171,7 @@ def _print(arguments, prediction, statuses, found):
 
     if arguments.json:
         seed = prediction.seed if prediction.seed is not None else arguments.seed
-        result = as_dict(prediction, seed, _samples(prediction, arguments.samples_out))
+        result = as_dict(prediction, seed)
         result["statuses"] = _statuses(statuses)
         if found:
             result["probabilities"] = _probabilities_as_dicts(found)
@@ -221,21 +208,6 @@ def _options(pairs):
         twice = next(key for key in keys if keys.count(key) > 1)
         raise InvalidOptionError("is given twice", field="--option", value=twice)
     return options
-
-
-def _samples(prediction, count):
-    """Return states drawn from the prediction, or None if not requested."""
-    from ..checks.errors import LimitExceededError
-    from ..checks.memory import require_memory
-
-    if count is None:
-        return None
-    bodies = len(prediction.scene.bodies)
-    require_memory(count * bodies * _SHOWN_STATE, "what is shown of them", "--samples-out", count)
-    try:
-        return prediction.samples(count)
-    except LimitExceededError as error:
-        raise LimitExceededError(error.problem, field="--samples-out", value=error.value) from None
 
 
 def _statuses(statuses):
