@@ -10,7 +10,6 @@ import json
 import sys
 import tempfile
 from dataclasses import replace
-from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +20,7 @@ OPTIONS = {"monte_carlo": {"samples": 12}}
 
 def explicit_scenes():
     """Return scenes of the explicit step by name: (scene, belief, horizon [s])."""
-    from unc_physics import Belief, RigidBody, Scene, load_model, load_scene
-
-    try:
-        from unc_physics import Box, Plane
-    except ImportError:  # the root exports them since the implicit step
-        from unc_physics.environment import Box, Plane
+    from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, load_scene
 
     def belief(mean, position=0.01, rotation=0.02):
         P = np.zeros((len(mean), 12, 12))
@@ -60,7 +54,6 @@ def explicit_scenes():
     floor = (Plane((0.0, 0.1, 1.0), -0.5), Box((1.0, 1.0, 0.2), (0.3, 0.0, -0.6)))
     ground = replace(pins, gravity=(0.0, 0.0, -5.0), environment=floor, stiffness=2e5, dt=0.005)
     found["plane and box"] = ground, belief(pair), 2.0
-    # Left out, as they were changed on purpose: the gyroscopic term, and models of household objects.
     found["all together"] = replace(ground, bodies=fixed), Belief(third, P, [0, 1]), 2.0
     found["a long flight"] = (
         replace(pins, environment=(Plane(offset=-100.0),)),
@@ -121,30 +114,16 @@ def everyday_scenes():
     return found
 
 
-def propagators():
-    """Return names and options of all propagators."""
-    from unc_physics import PROPAGATORS
-
-    return {name: (name, OPTIONS.get(name, {})) for name in PROPAGATORS}
-
-
 def explicit_cases(found):
     """Return the compatible pairs of a scene's and a propagator's name."""
     from unc_physics import PROPAGATORS
 
     return [
-        (scene_name, label)
+        (scene_name, name)
         for scene_name, (scene, *_) in found.items()
-        for label, (name, _) in propagators().items()
-        # older trees do not say which can; those that cannot are not among the present tree's cases
-        if not (scene.uncertain and not _varies_parameters(PROPAGATORS[name]))
+        for name, kind in PROPAGATORS.items()
+        if not scene.uncertain or "mass" in kind.supports.parameters
     ]
-
-
-def _varies_parameters(kind):
-    """Return whether a propagator supports all uncertain parameters."""
-    supports = getattr(kind, "supports", None)
-    return getattr(kind, "varies_parameters", True) if supports is None else "mass" in supports.parameters
 
 
 def everyday_cases(found):
@@ -152,60 +131,34 @@ def everyday_cases(found):
     return [(scene_name, "monte_carlo") for scene_name in found]
 
 
-def everyday_results(scene, belief, horizon, label):
+def everyday_results(scene, belief, horizon, name):
     """Return the final states of eight rollouts; what methods make of rollouts is compared elsewhere."""
     from unc_physics import make_propagator, predict
 
-    prediction = predict(scene, belief, make_propagator(label, samples=8, seed=0), horizon)
+    prediction = predict(scene, belief, make_propagator(name, samples=8, seed=0), horizon)
     return {"final states": prediction.carry.states}
 
 
-def explicit_results(scene, belief, horizon, label):
+def explicit_results(scene, belief, horizon, name):
     """Return every array of a prediction, and its probabilities, by name; `stability` judges statuses."""
     import unc_physics
     from unc_physics import make_propagator, predict
 
-    name, options = propagators()[label]
-    asked = {"events": unc_physics.encounters(scene)} if hasattr(unc_physics, "encounters") else {}
-    times = (0.5 * horizon,)
-    prediction = predict(scene, belief, make_propagator(name, **options), horizon, times=times, **asked)
+    events = unc_physics.encounters(scene)
+    propagator = make_propagator(name, **OPTIONS.get(name, {}))
+    prediction = predict(scene, belief, propagator, horizon, times=(0.5 * horizon,), events=events)
     arrays = {}
     for k, found in enumerate(prediction.beliefs):
         arrays[f"mean {k}"], arrays[f"covariance {k}"] = found.mean, found.covariance
     for field, part in prediction.carry._asdict().items():
         if field == "contact_history":
             arrays["first contacts"] = part.first_time
-        elif field == "memory":  # its former name and layout
-            arrays["first contacts"] = part[..., 0]
-        elif isinstance(part, np.ndarray):
+        elif isinstance(part, np.ndarray) and part.size:  # empty: of an option that is not used
             arrays[field] = part
-    for k, contact in enumerate(_contacts(scene, belief, prediction, **asked)):
-        arrays[f"contact {k}"] = np.array(
-            [value or 0.0 for value in contact]
-        )  # older trees say 0 for unknown
-    return arrays
-
-
-def _contacts(scene, belief, prediction, events=None):
-    """Yield each contact's probability, and mean and standard deviation of its time; None for wide intervals,
-    for which older trees have no estimate.
-    """
-    if events is None:
-        try:
-            from unc_physics import contact_probabilities
-        except ImportError:
-            from unc_physics.propagation.answers import contact_probabilities
-
-        # older trees ask for scene and belief
-        whole = next(iter(signature(contact_probabilities).parameters)) == "prediction"
-        for old in contact_probabilities(*([prediction] if whole else [scene, prediction, belief])):
-            yield old.probability, old.first_contact_time_mean, old.first_contact_time_std
-        return
-    for event in events:
+    for k, event in enumerate(events):
         found, time = prediction.probability(event), prediction.contact_time(event)
-        known = max(found.high - found.estimate, found.estimate - found.low) <= 0.1
-        timed = known and time is not None and found.estimate * found.rollouts >= min(10, found.rollouts)
-        yield found.estimate if known else None, *(time if timed else (None, None))
+        arrays[f"contact {k}"] = np.array([found.low, found.estimate, found.high, *(time or ())], float)
+    return arrays
 
 
 #: For each kind: scenes, pairs of scenes and propagators, and arrays of a prediction.

@@ -48,12 +48,7 @@ def test_bad_input_is_one_sentence(arguments, code, sentence, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("name", "place", "value", "sentence"),
     [
-        (
-            "same_bits",
-            "same_bits.REFERENCES",
-            {"explicit": ("0" * 40, 1.0)},
-            "is no git checkout that has the commit 000",
-        ),
+        ("same_bits", "same_bits.BEFORE", "0" * 40, "is no git checkout that has the commit 000"),
         ("packing", "packing.find_spec", lambda name: None, "is not installed; pip install libigl"),
     ],
 )

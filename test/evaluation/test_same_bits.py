@@ -18,14 +18,16 @@ def results(tmp_path):
     for after, same in ((same_bits.fingerprint(same_bits.ROOT), 1), ("another", 0)):
         rows = [Row("surrogate", f"{same_bits.SAME}, two pins, mean {k}", "1", same or k) for k in range(2)]
         results.add(
-            Job("same_bits", {"kind": "explicit", "before": "e2c9ee2", "after": after}), Outcome(rows), ORIGIN
+            Job("same_bits", {"kind": "explicit", "before": same_bits.BEFORE, "after": after}),
+            Outcome(rows),
+            ORIGIN,
         )
     return results
 
 
 def test_all_the_same(results):
     assert same_bits.verdict(results) == "all the same: 2 arrays of 1 predictions"
-    assert "| two pins | surrogate | e2c9ee2 | 2 | same bits |" in same_bits.report(results)
+    assert "| two pins | surrogate | 2 | same bits |" in same_bits.report(results)
 
 
 def test_what_differs_is_named(results, monkeypatch):

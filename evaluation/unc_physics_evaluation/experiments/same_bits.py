@@ -1,8 +1,7 @@
-"""Comparison of both steps with reference revisions, to the last bit.
+"""Comparison of the present tree with release 0.2, to the last bit.
 
-The explicit step is compared with the revision of the paper, in all methods. The everyday step is compared
-with release 0.2, in the final states of rollouts of all everyday examples and of the demo. ``--quick``
-compares only these.
+Of the explicit step, all methods are compared. Of the everyday step, the final states of rollouts are, in all
+everyday examples and in the demo. ``--quick`` compares only these.
 """
 
 from __future__ import annotations
@@ -31,44 +30,32 @@ from ..tables import table
 
 TITLE = "Same bits"
 ROOT = Path(unc_physics.__file__).resolve().parents[1]
-#: Kind of scenes (`served_predictions`): reference revision, and time of the comparison on one thread [s].
-REFERENCES = {"everyday": ("e60fe270", 30.0), "explicit": ("e2c9ee2", 600.0)}
+BEFORE = "e60fe270"
+#: Kinds of scenes (`served_predictions`), and the time of the comparison on one thread [s].
+KINDS = {"everyday": 30.0, "explicit": 60.0}
 SAME = "same_bits_as_before"
 
 
 def jobs(settings: Settings) -> list[Job]:
     """Return a job for each kind of scenes, alone on the machine, whose key depends on the sources."""
-    after = fingerprint(ROOT)
+    if missing(settings):
+        return []
+    trees = {"before": BEFORE, "after": fingerprint(ROOT)}
     return [
-        Job("same_bits", settings.parameters(kind=kind, before=before, after=after), cost, alone=True)
-        for kind, (before, cost) in _chosen(settings)
-        if _is_known(before)
-    ]
-
-
-def missing(settings: Settings) -> list[str]:
-    """Return the reference revisions that the checkout does not contain."""
-    return [
-        f"same_bits: {ROOT} is no git checkout that has the commit {before}"
-        for _, (before, _) in _chosen(settings)
-        if not _is_known(before)
-    ]
-
-
-def _chosen(settings):
-    return [
-        (kind, reference)
-        for kind, reference in REFERENCES.items()
+        Job("same_bits", settings.parameters(kind=kind, **trees), cost, alone=True)
+        for kind, cost in KINDS.items()
         if kind == "everyday" or not settings.quick
     ]
 
 
-def _is_known(revision):
-    command = ["git", "-C", str(ROOT), "cat-file", "-e", f"{revision}^{{commit}}"]
+def missing(settings: Settings) -> list[str]:
+    """Return the reference revision if the checkout does not contain it."""
+    command = ["git", "-C", str(ROOT), "cat-file", "-e", f"{BEFORE}^{{commit}}"]
     try:
-        return subprocess.run(command, capture_output=True, check=False).returncode == 0
+        known = subprocess.run(command, capture_output=True, check=False).returncode == 0
     except OSError:
-        return False
+        known = False
+    return [] if known else [f"same_bits: {ROOT} is no git checkout that has the commit {BEFORE}"]
 
 
 def run(job: Job) -> Outcome:
@@ -97,12 +84,11 @@ def report(results: Results) -> str:
     """Return a table with a line for each prediction."""
     rows = _latest(results)
     lines = []
-    for before in rows.unique("before"):
-        for scene, name, arrays in _predictions(rows.where(before=before)):
-            different = [array for array, same in arrays.items() if not same]
-            verdict = f"**different: {', '.join(different)}**" if different else "same bits"
-            lines.append([scene, name.replace("_", " "), before, str(len(arrays)), verdict])
-    return table(["scene", "propagator", "beside", "arrays", ""], lines)
+    for scene, name, arrays in _predictions(rows):
+        different = [array for array, same in arrays.items() if not same]
+        verdict = f"**different: {', '.join(different)}**" if different else "same bits"
+        lines.append([scene, name.replace("_", " "), str(len(arrays)), verdict])
+    return table(["scene", "propagator", "arrays", f"beside {rows[0]['before']}"], lines)
 
 
 def verdict(results: Results) -> str:
