@@ -42,8 +42,6 @@ class CandidatesService(BackgroundService):
         started, server = time.perf_counter(), self._server
         with server.errors_into(response.result):
             _check(request, server.settings)
-            if request.score:
-                request.request = _with_reference(request.request)
             limits = TimeLimits(server.settings.max_computation_time)
             base = server.read(request.request, limits=limits)
             size, limit = base.answer_bytes() * len(request.candidates), server.settings.max_response_bytes
@@ -177,36 +175,26 @@ def _with_candidate(request, k, seed):
 
 
 def _check(request, settings):
-    """Raise an error for missing or too many candidates, and for two of the same id."""
-    if not request.candidates:
-        raise InvalidRequestError("must name at least one candidate", field="candidates")
-    if len(request.candidates) > settings.max_candidates:
-        raise LimitExceededError(
-            f"must be at most {settings.max_candidates}", field="candidates", value=len(request.candidates)
-        )
-    ids = set()
-    for k, candidate in enumerate(request.candidates):
-        if candidate.id in ids:
-            raise DuplicateIdError(
-                "is the id of two candidates", field=f"candidates[{k}].id", value=candidate.id
-            )
-        ids.add(candidate.id)
+    """Raise an error for missing, equal or too many candidates, or a propagator without rollouts.
 
-
-def _with_reference(request):
-    """Return the request with the propagator whose samples are rollouts.
-
-    Raises
-    ------
-    NotSupportedError
-        If it names another propagator.
+    With a score, an empty propagator becomes the one whose samples are rollouts.
     """
-    if request.propagator not in ("", REFERENCE):
+    candidates, inner = request.candidates, request.request
+    if not candidates:
+        raise InvalidRequestError("must name at least one candidate", field="candidates")
+    if len(candidates) > settings.max_candidates:
+        raise LimitExceededError(
+            f"must be at most {settings.max_candidates}", field="candidates", value=len(candidates)
+        )
+    ids = [candidate.id for candidate in candidates]
+    for k, name in enumerate(ids):
+        if name in ids[:k]:
+            raise DuplicateIdError("is the id of two candidates", field=f"candidates[{k}].id", value=name)
+    if request.score and inner.propagator not in ("", REFERENCE):
         raise NotSupportedError(
             f"must be {REFERENCE} or empty where there is a score, which counts its rollouts",
             field="propagator",
-            value=request.propagator,
+            value=inner.propagator,
         )
-    own = copy.copy(request)
-    own.propagator = REFERENCE
-    return own
+    if request.score:
+        inner.propagator = REFERENCE
