@@ -138,6 +138,8 @@ def test_a_wrong_file_is_told_in_a_sentence(case, tmp_path, capsys):
 def test_a_wrong_option_is_told_in_a_sentence(tmp_path, capsys):
     assert main(["rank", str(EXAMPLE), "--rollouts", "0"]) == ErrorCode.INVALID_REQUEST
     assert "rollouts must be at least 1" in capsys.readouterr().err
+    assert main(["rank", str(EXAMPLE), "--time-limit", "1e-3"]) == ErrorCode.TIMEOUT
+    assert "--time-limit ran out in the first round (got 0.001)" in capsys.readouterr().err
     assert main(["predict", str(EXAMPLE)]) == ErrorCode.INVALID_REQUEST
     assert "is a file of actions, which the command 'rank' takes" in capsys.readouterr().err
     assert main(["rank", str(tmp_path / "none.yaml")]) == ErrorCode.INVALID_REQUEST

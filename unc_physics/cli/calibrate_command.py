@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from .predict_command import check_picture
+from .arguments import add_options, check_picture
 
 
 def add_calibrate_command(commands) -> None:
@@ -84,7 +84,7 @@ def add_calibrate_command(commands) -> None:
         metavar=("M", "RAD"),
         help="also fit the contact noise of a tracker, for poses with these standard deviations",
     )
-    parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
+    add_options(parser, "--models")
     parser.set_defaults(run=run)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..checks.shown import plain_digits, printable
 from ..programs import dying_at_interrupt
+from .arguments import add_options
 from .output import PROGRESS_AFTER, check_output, note, writing
 
 _LARGE, _SMALL = 1e4, 1.0  # size range of a body [mm]; outside it, the mesh may have another unit
@@ -79,7 +80,7 @@ def add_models_command(commands) -> None:
         help="list the models, or make them",
         description=("List the models of the library. With --make, pack the models of this package again."),
     )
-    parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
+    add_options(parser, "--models")
     parser.add_argument("--make", nargs="*", metavar="NAME", help="pack these models again (default: all)")
     parser.add_argument(
         "-n",
@@ -112,7 +113,7 @@ def add_show_command(commands) -> None:
     parser.add_argument(
         "--up", choices="xyz", default="z", help="axis that points up in the picture (default z)"
     )
-    parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
+    add_options(parser, "--models")
     parser.set_defaults(run=run_show)
 
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import textwrap
 from dataclasses import asdict
-from importlib.util import find_spec
 from pathlib import Path
 
 from ..checks.shown import printable
 from ..propagators.names import ANYTIME, entries
-from .output import check_output, note, progress_display, writing
+from .arguments import add_options, check_picture, horizon_of, propagator_options, time_limit
+from .output import note, progress_display, writing
 
 _REMEDY = f"use {ANYTIME}, or a propagator with --samples 300"
 _UNKNOWN = 20  # limit above which unknown probabilities are only counted
@@ -38,20 +37,9 @@ def add_predict_command(commands) -> None:
         "--samples", type=int, metavar="N", help="number of samples, for a propagator that draws them"
     )
     parser.add_argument("--seed", type=int, metavar="S", help="seed of the draws (default 0)")
-    parser.add_argument(
-        "--option",
-        action="append",
-        default=[],
-        type=key_and_value,
-        metavar="KEY=VALUE",
-        help="option of the propagator; the command 'propagators' lists them; may be repeated",
-    )
-    parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
+    add_options(parser, "--option", "--horizon", "--time-limit", "--models", "--json")
     parser.add_argument(
         "--period", metavar="T", help="also report the states every T seconds before the horizon"
-    )
-    parser.add_argument(
-        "--time-limit", metavar="T", help="give up after computing for T seconds; compiling does not count"
     )
     parser.add_argument(
         "--probabilities",
@@ -80,23 +68,11 @@ def add_predict_command(commands) -> None:
         metavar="OUT.png",
         help="also draw the prediction, from the side and from above; OUT.gif is an animation, with --period",
     )
-    parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
-    parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
     parser.set_defaults(run=run)
-
-
-def key_and_value(text: str) -> tuple[str, str]:
-    """Return key and value of an argument ``KEY=VALUE``."""
-    key, separator, value = text.partition("=")
-    if not separator or not key:
-        raise argparse.ArgumentTypeError(f"'{text}' is not of the form KEY=VALUE")
-    return key, value
 
 
 def run(arguments) -> int:
     """Predict and print the result."""
-    from ..checks.errors import InvalidHorizonError
-    from ..checks.validation import number_from_text
     from ..prediction.diagnosis import ROLLOUTS, compared_rollouts
     from ..prediction.status import assess
     from ..scene.scene_file import load_scene
@@ -107,8 +83,7 @@ def run(arguments) -> int:
         rollouts = compared_rollouts(arguments.status_rollouts, "--status-rollouts")
     propagator = _propagator(arguments)
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
-    if arguments.horizon is not None:
-        horizon = number_from_text(arguments.horizon, "horizon", InvalidHorizonError)
+    horizon = horizon_of(arguments, horizon)
     events = _events(arguments, scene)
     prediction = _predict_with_progress(arguments, scene, belief, propagator, horizon, events)
     _note_ineffective_arguments(arguments, propagator, horizon)
@@ -140,7 +115,7 @@ def _propagator(arguments):
     from ..propagators.registry import PROPAGATORS, names_where, propagator_from_texts
 
     propagator = propagator_from_texts(
-        arguments.propagator, _options(arguments.option), arguments.samples, arguments.seed
+        arguments.propagator, propagator_options(arguments), arguments.samples, arguments.seed
     )
     if arguments.samples is not None and "samples" not in PROPAGATORS[propagator.name].options():
         draws = names_where(lambda other: "samples" in other.options(), "or")
@@ -196,18 +171,6 @@ def _draw(arguments, prediction, events):
             draw_animation(arguments.picture, prediction, title, events)
         else:
             draw_prediction(prediction, title).savefig(arguments.picture, dpi=110, bbox_inches="tight")
-
-
-def _options(pairs):
-    """Return options by key."""
-    from ..checks.errors import InvalidOptionError
-
-    options = dict(pairs)
-    if len(options) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise InvalidOptionError("is given twice", field="--option", value=twice)
-    return options
 
 
 def _statuses(statuses):
@@ -310,16 +273,6 @@ def probabilities_as_table(found) -> str:
     return "\n".join(lines)
 
 
-def check_picture(path):
-    """Raise an error if a picture cannot be drawn or written, before the prediction."""
-    from ..checks.errors import NotSupportedError
-
-    missing = [name for name in ("matplotlib", "scipy") if find_spec(name) is None]
-    if missing:
-        raise NotSupportedError(f"--picture needs {' and '.join(missing)}: pip install {' '.join(missing)}")
-    check_output(path, ".gif" if Path(path).suffix == ".gif" else ".png", "--picture")
-
-
 def _note_ineffective_arguments(arguments, propagator, horizon):
     """Print notes about arguments without effect or with a possibly unintended effect."""
     if arguments.seed is not None and not hasattr(propagator, "seed"):
@@ -335,28 +288,24 @@ def _note_ineffective_arguments(arguments, propagator, horizon):
 
 def _predict_with_progress(arguments, scene, belief, propagator, horizon, events):
     """Predict with a progress display."""
-    from ..checks.errors import InvalidHorizonError, PredictionTimeoutError
-    from ..checks.validation import number_from_text, positive
+    from ..checks.errors import InvalidHorizonError
+    from ..checks.validation import number_from_text
     from ..prediction.predict import predict
     from ..prediction.request_checks import periodic_times
 
-    times = time_limit = None
-    if arguments.time_limit is not None:
-        time_limit = positive(number_from_text(arguments.time_limit, "--time-limit"), "--time-limit")
+    times = None
     if arguments.period is not None:
         period = number_from_text(arguments.period, "period", InvalidHorizonError)
         times = periodic_times(scene, period, horizon)
-    with progress_display(propagator.name, "step", f"a horizon of {horizon} s") as show:
-        try:
-            return predict(
-                scene,
-                belief,
-                propagator,
-                horizon,
-                times=times,
-                max_computation_time=time_limit,
-                progress=show,
-                events=events,
-            )
-        except PredictionTimeoutError as error:
-            raise PredictionTimeoutError(error.problem, field="--time-limit", value=time_limit) from None
+    waiting = progress_display(propagator.name, "step", f"a horizon of {horizon} s")
+    with time_limit(arguments) as limit, waiting as show:
+        return predict(
+            scene,
+            belief,
+            propagator,
+            horizon,
+            times=times,
+            max_computation_time=limit,
+            progress=show,
+            events=events,
+        )

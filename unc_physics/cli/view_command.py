@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..propagators.names import DEFAULT, entries
+from .arguments import add_options, propagator_options
 from .output import check_output, writing
-from .predict_command import key_and_value
 
 _HORIZON = 1.0  # s, if neither file nor command sets it
 
@@ -28,30 +28,13 @@ def add_view_command(commands) -> None:
         metavar="NAME",
         help=f"propagator of the first prediction (default {DEFAULT}): one of {', '.join(entries())}",
     )
-    parser.add_argument(
-        "--option",
-        action="append",
-        default=[],
-        type=key_and_value,
-        metavar="KEY=VALUE",
-        help="option of that propagator; may be repeated",
-    )
-    parser.add_argument("--horizon", metavar="T", help="time to predict for [s], instead of the scene file's")
+    add_options(parser, "--option", "--horizon", "--mesh", "--models")
     parser.add_argument(
         "--frames", type=int, default=60, metavar="N", help="number of times that are shown (default 60)"
     )
     parser.add_argument(
         "--ghosts", type=int, default=30, metavar="N", help="number of samples that are drawn (default 30)"
     )
-    parser.add_argument(
-        "--mesh",
-        action="append",
-        default=[],
-        type=key_and_value,
-        metavar="BODY=FILE",
-        help="draw a body as the mesh that its model was packed from; may be repeated",
-    )
-    parser.add_argument("--models", metavar="DIR", help="folder of the models, instead of the model library")
     parser.add_argument("--record", metavar="FILE.html", help="write a self-contained page, and exit")
     parser.add_argument(
         "--host",
@@ -104,7 +87,7 @@ def session_of(arguments):
     frames = integer(arguments.frames, "--frames", low=2)
     ghosts = integer(arguments.ghosts, "--ghosts", low=0)
     integer(arguments.port, "--port", low=0)
-    propagator = propagator_from_texts(arguments.propagator, dict(arguments.option), None, None)
+    propagator = propagator_from_texts(arguments.propagator, propagator_options(arguments), None, None)
     scene, belief, horizon = load_scene(arguments.scene, arguments.models)
     if arguments.horizon is not None:
         horizon = positive(number_from_text(arguments.horizon, "--horizon"), "--horizon")
