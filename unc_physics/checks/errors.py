@@ -73,6 +73,12 @@ class UncPhysicsError(Exception):
             text += f" (got {shown(value)})"
         super().__init__(printable(text))
 
+    def at(self, field: str) -> UncPhysicsError:
+        """Return the same error with the field as the user wrote it."""
+        error = type(self)(self.problem, field=field, value=self.value)
+        error.prediction = self.prediction
+        return error
+
 
 class InvalidRequestError(UncPhysicsError):
     """A malformed scene file or message: wrong types, unknown keys, missing or inconsistent entries."""

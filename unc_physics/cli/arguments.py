@@ -88,7 +88,7 @@ def time_limit(arguments) -> Iterator[float | None]:
     try:
         yield limit
     except PredictionTimeoutError as error:
-        raise PredictionTimeoutError(error.problem, field="--time-limit", value=limit) from None
+        raise error.at("--time-limit") from None
 
 
 def check_picture(path) -> None:

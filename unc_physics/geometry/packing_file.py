@@ -309,9 +309,7 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
     try:
         return SpherePacking(**_completed(values))
     except InvalidModelError as error:
-        raise InvalidModelError(
-            error.problem, field=f"model file {path}: {error.field}", value=error.value
-        ) from error
+        raise error.at(f"model file {path}: {error.field}") from error
 
 
 def _check_sizes(archive, path):

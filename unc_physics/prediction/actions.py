@@ -41,7 +41,7 @@ def apply_action(scene: Scene, belief: Belief, action: Action, field: str) -> tu
         belief.check_fits(scene)
     except UncPhysicsError as error:
         place = f"{field}: {error.field}" if error.field else field
-        raise type(error)(error.problem, field=place, value=error.value) from error
+        raise error.at(place) from error
     return scene, belief
 
 

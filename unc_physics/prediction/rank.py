@@ -264,7 +264,7 @@ def rank(
 
     def failed(k, error):
         field = f"actions[{candidates[k].name!r}]" + (f": {error.field}" if error.field else "")
-        raise type(error)(error.problem, field=field, value=error.value) from error
+        raise error.at(field) from error
 
     return rank_candidates(
         candidates,

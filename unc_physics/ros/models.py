@@ -238,7 +238,7 @@ class ShapePacker:
         try:
             vertices, triangles = _mesh(message, size)
         except InvalidMeshError as error:
-            raise InvalidMeshError(error.problem, field=f"{field}.{error.field}", value=error.value) from None
+            raise error.at(f"{field}.{error.field}") from None
         except ImportError as error:
             raise NotSupportedError(f"needs {error.name}, which the node lacks", field=field) from None
         return self._packed(vertices, triangles, spheres or SPHERES, field, wait)
@@ -259,7 +259,7 @@ class ShapePacker:
         try:
             return future.result(PACKING_TIMEOUT)
         except UncPhysicsError as error:
-            raise type(error)(error.problem, field=field, value=error.value) from None
+            raise error.at(field) from None
         except TimeoutError:
             raise PredictionTimeoutError(
                 f"is still being packed after {PACKING_TIMEOUT:g} s; ask again", field=field

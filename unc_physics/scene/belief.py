@@ -138,7 +138,7 @@ class Belief:
                     bodies[body.name].check_fixed()
                 except InvalidRequestError as error:
                     field = f"{error.field} of body '{body.name}'"
-                    raise InvalidRequestError(error.problem, field=field, value=error.value) from None
+                    raise error.at(field) from None
         given = {
             body.name: bodies[body.name].at_center_of_mass(body.model.origin)
             for body in scene.bodies

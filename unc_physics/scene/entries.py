@@ -17,9 +17,7 @@ def at_field(field, function, *arguments, **options):
     try:
         return function(*arguments, **options)
     except UncPhysicsError as error:
-        raise type(error)(
-            error.problem, field=f"{field}.{error.field}" if error.field else field, value=error.value
-        ) from error
+        raise error.at(f"{field}.{error.field}" if error.field else field) from error
 
 
 def read_std(value, field):

@@ -132,7 +132,7 @@ class Transform(NamedTuple):
             q = quaternion(q if any(q) else (0.0, 0.0, 0.0, 1.0), "orientation")
             position = array(xyz(pose.position), (3,), "position")
         except UncPhysicsError as error:
-            raise type(error)(error.problem, field=f"{field}.{error.field}", value=error.value) from None
+            raise error.at(f"{field}.{error.field}") from None
         return cls(rotation_matrix(np.array(q)), position, tuple(q))
 
     def pose(self):

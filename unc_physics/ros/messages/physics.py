@@ -81,4 +81,4 @@ def _at(field, function, *arguments):
     except InvalidRequestError as error:
         raise InvalidOptionError(error.problem, field=f"physics.{field}", value=error.value) from None
     except UncPhysicsError as error:
-        raise type(error)(error.problem, field=f"physics.{field}", value=error.value) from None
+        raise error.at(f"physics.{field}") from None

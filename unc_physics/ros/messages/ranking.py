@@ -65,7 +65,7 @@ def read_score(messages: Sequence, regions: Sequence[BoxRegion], scene: Scene) -
             event.check(scene, f"score[{k}]")
         except InvalidRequestError as error:
             field = (error.field or "").replace(".support", ".other")  # the message's field
-            raise InvalidRequestError(error.problem, field=field, value=error.value) from None
+            raise error.at(field) from None
     wanted = [
         ~event if message.smallest_first else event for event, message in zip(events, messages, strict=True)
     ]

@@ -478,7 +478,7 @@ def _body_at(place, arguments):
         return _rigid_body(*arguments)
     except UncPhysicsError as error:
         name = (error.field or "").partition(" of body ")[0]
-        raise type(error)(error.problem, field=place.of(name), value=error.value) from error
+        raise error.at(place.of(name)) from error
 
 
 def _in_message(field, places):
@@ -582,7 +582,7 @@ def _body(message, place, reader):
             if re.split(r"[.[]", error.field or "")[0] in ("model", "spheres", "scale", "primitive", "mesh")
             else f"{field}.model: {error.field}"
         )
-        raise type(error)(error.problem, field=where, value=error.value) from error
+        raise error.at(where) from error
     origin = writable(model.origin)
     path = read_path(actions, origin)
     kinematic = fixed or path is not None

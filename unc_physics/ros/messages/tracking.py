@@ -124,7 +124,7 @@ def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> Pos
     try:
         return PoseMeasurement([*position, *q], to_body @ P @ to_body.T, origin="model")
     except UncPhysicsError as error:
-        raise type(error)(error.problem, field=f"pose.{error.field}", value=error.value) from None
+        raise error.at(f"pose.{error.field}") from None
 
 
 def write_measurement(measurement: PoseMeasurement) -> PoseWithCovariance:
