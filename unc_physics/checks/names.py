@@ -61,7 +61,7 @@ def removed(name: str) -> str | None:
 
 
 def one_of(name: object, known: Iterable[str]) -> str:
-    """Return the sentence about a name that is none of some: all of these, and the one that is meant."""
+    """Return the problem of an unknown name: the known names, and the closest of them."""
     known = list(known)
     return f"must be one of {', '.join(known)}{suggestion(name, known)}"
 

@@ -11,7 +11,7 @@ from .implicit_workspace import (
 )
 
 #: State of a candidate that is not yet in a patch.
-FREE = 0
+UNASSIGNED = 0
 
 
 @inner(forceinline=True)
@@ -28,7 +28,7 @@ def keep_candidate(count, normal, center, r, gap, score, a, b, work):
     for k in range(3):
         out[CANDIDATE_NORMAL + k], out[CANDIDATE_POINT + k] = normal[k], center[k] - r * normal[k]
     out[CANDIDATE_GAP], out[CANDIDATE_SCORE] = gap, score
-    ids[0], ids[1], ids[2], ids[3] = a, b, FREE, -1
+    ids[0], ids[1], ids[2], ids[3] = a, b, UNASSIGNED, -1
     return count + 1
 
 

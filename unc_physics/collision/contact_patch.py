@@ -15,7 +15,7 @@ from ..compiler.simd import LANES, lowest_bit
 from ..spatial.layout import P, V, W
 from ..spatial.rotation import cross, rotate, rotate_back, tangents
 from ..spatial.vectors import dot, minus, plus, times
-from .contact_candidates import FREE, keep_candidate, partner_sphere
+from .contact_candidates import UNASSIGNED, keep_candidate, partner_sphere
 from .contact_model import reduced_radius
 from .contact_row import (
     AXIS,
@@ -411,7 +411,7 @@ def add_contacts(x, i, j, count, tilt, speeds_only, world, work):
         before = work.counts[CONTACTS]
         seed = -1
         for k in range(count):
-            if ids[k, 2] == FREE and (
+            if ids[k, 2] == UNASSIGNED and (
                 seed < 0
                 or _deeper(ids, k, candidates[k, CANDIDATE_SCORE], seed, candidates[seed, CANDIDATE_SCORE])
             ):
@@ -423,7 +423,7 @@ def add_contacts(x, i, j, count, tilt, speeds_only, world, work):
             best[d], score[d] = -1, np.inf
         for k in range(count):
             c = candidates[k]
-            if ids[k, 2] != FREE or c[0] * nx + c[1] * ny + c[2] * nz < _SAME_PATCH:
+            if ids[k, 2] != UNASSIGNED or c[0] * nx + c[1] * ny + c[2] * nz < _SAME_PATCH:
                 continue
             ids[k, 2] = _IN_PATCH
             left -= 1

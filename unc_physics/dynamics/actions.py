@@ -7,7 +7,17 @@ import numpy as np
 from ..compiler import inner, kernel
 from ..compiler.arrays import empty
 from ..spatial.layout import P, Q, V, W
-from ..spatial.rotation import conjugate, cross, exp, log, multiply, normalized, rotate, rotate_back
+from ..spatial.rotation import (
+    conjugate,
+    cross,
+    exp,
+    log,
+    multiply,
+    normalized,
+    rotate,
+    rotate_back,
+    rotate_by_quaternion,
+)
 
 #: Relative round-off within which a time counts as the beginning or end of a step.
 ROUND_OFF = 1e-9
@@ -196,7 +206,7 @@ def write_carried(out, row, carrier, other, hold):
     its frame.
     """
     q = (carrier[other, Q], carrier[other, Q + 1], carrier[other, Q + 2], carrier[other, Q + 3])
-    arm = _turned(q, (hold[0], hold[1], hold[2]))
+    arm = rotate_by_quaternion(q, (hold[0], hold[1], hold[2]))
     omega = (carrier[other, W], carrier[other, W + 1], carrier[other, W + 2])
     v = cross(omega, arm)
     turned = normalized(multiply(q, (hold[3], hold[4], hold[5], hold[6])))
@@ -217,20 +227,11 @@ def write_hold(x, i, carrier, other, hold):
         x[i, P + 1] - carrier[other, P + 1],
         x[i, P + 2] - carrier[other, P + 2],
     )
-    arm, turn = _turned(q, away), multiply(q, (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
+    arm, turn = rotate_by_quaternion(q, away), multiply(q, (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3]))
     for k in range(3):
         hold[k] = arm[k]
     for k in range(4):
         hold[3 + k] = turn[k]
-
-
-@inner(forceinline=True)
-def _turned(q, v):
-    """Rotate a vector by a unit quaternion."""
-    axis = (q[0], q[1], q[2])
-    once = cross(axis, v)
-    twice = cross(axis, (once[0] + q[3] * v[0], once[1] + q[3] * v[1], once[2] + q[3] * v[2]))
-    return v[0] + 2.0 * twice[0], v[1] + 2.0 * twice[1], v[2] + 2.0 * twice[2]
 
 
 @inner(forceinline=True)

@@ -43,9 +43,9 @@ _ROUNDS = 30
 # Against the radius: of a gap to a face, low enough for faces that spheres inside the mesh cannot touch, and
 # of more than `REACH` to the place.
 _GAP_PENALTY, _PLACE_PENALTY = 5.0, 50.0
-_TOUCHING = 1e-5  # of the size: a gap that is taken away in the end
-_GAIN = 1e-6  # of the size: what is not worth another programme
-_NEIGHBOURS = 30  # faces of the hull, and places, that bound a sphere from the start
+_TOUCHING = 1e-5  # share of the size: smaller gaps are closed at the end
+_GAIN = 1e-6  # share of the size: a smaller gain does not repay another linear programme
+_NEIGHBOURS = 30  # nearest faces of the hull and nearest places that first constrain a sphere
 _DIRECTIONS = even_directions(32)
 
 

@@ -28,7 +28,7 @@ from ..spatial.rotation import rotate, rotate_back
 from ..spatial.vectors import plus, times, triple
 
 #: Overlap that is tolerated, about that of a loaded contact [m].
-TOUCHING = 5e-5
+OVERLAP_TOLERANCE = 5e-5
 #: Overlap at which the search for the surface ends [m].
 SOLVED = 1e-5
 _LEAST_TILT, _MOST_TILT = 0.02, 0.3  # tilt of a patch in the search for its supports [rad]
@@ -132,7 +132,7 @@ def choose_ways_out(x, i, j, count, sides, world, work):
         c = candidates[k]
         if c[0] * sx + c[1] * sy + c[2] * sz >= -_CONE:
             continue
-        if c[CANDIDATE_GAP] < -TOUCHING:
+        if c[CANDIDATE_GAP] < -OVERLAP_TOLERANCE:
             way = way_out(x, i, j, c, ids[k], (sx, sy, sz), world, work)
             _turn_candidate(c, radii[ids[k, 0]], (sx, sy, sz), way)
         elif j < 0:  # beyond a thin board, so not an obstacle
@@ -140,7 +140,7 @@ def choose_ways_out(x, i, j, count, sides, world, work):
     for _ in range(_WAYS):
         seed = -1
         for k in range(count):
-            if ids[k, 2] == _OPEN and candidates[k, CANDIDATE_GAP] < -TOUCHING:
+            if ids[k, 2] == _OPEN and candidates[k, CANDIDATE_GAP] < -OVERLAP_TOLERANCE:
                 if seed < 0 or candidates[k, CANDIDATE_GAP] < candidates[seed, CANDIDATE_GAP]:
                     seed = k
         if seed < 0:
@@ -151,7 +151,7 @@ def choose_ways_out(x, i, j, count, sides, world, work):
             c = candidates[k]
             if (
                 ids[k, 2] == _OPEN
-                and c[CANDIDATE_GAP] < -TOUCHING
+                and c[CANDIDATE_GAP] < -OVERLAP_TOLERANCE
                 and c[0] * nx + c[1] * ny + c[2] * nz > _CONE
             ):
                 vx, vy = vx - c[CANDIDATE_GAP] * c[0], vy - c[CANDIDATE_GAP] * c[1]
@@ -178,7 +178,7 @@ def choose_ways_out(x, i, j, count, sides, world, work):
                 d = c[CANDIDATE_GAP] + reach
                 mx, my, mz = d * c[0] + farthest * nx, d * c[1] + farthest * ny, d * c[2] + farthest * nz
                 gap = math.sqrt(mx * mx + my * my + mz * mz) - reach
-            if gap >= -TOUCHING:
+            if gap >= -OVERLAP_TOLERANCE:
                 ids[k, 2] = _LEFT_OUT
         ids[seed, 2] = _CHOSEN
     left = 0

@@ -38,7 +38,7 @@ from .overlap_rows import (
     write_images,
     write_jacobians,
 )
-from .overlap_search import SOLVED, TOUCHING, find_rows
+from .overlap_search import OVERLAP_TOLERANCE, SOLVED, find_rows
 
 #: Gaps that count [m]: at first and at least; how many times the deepest overlap more; and of these at most.
 _REACH, _LEAST_REACH, _DEPTHS, _MORE_REACH, _PAIR_MORE_REACH = 2e-3, 2e-4, 2.0, 0.012, 3e-3
@@ -47,13 +47,16 @@ _DEEP, _DEEPEST = 3e-3, 0.4
 _NEARER = 0.3  # share of the reach that pairs of bodies have, in which there are so many more spheres
 _ROUNDS, _CAREFUL_ROUNDS = 10, 24
 _CAREFUL = 0.5  # share of a step that a careful round takes
-_NEAREST = 5e-4  # last step of what is nearest enough [m]
-_LEFT_OVER, _TOO_FAR = 2e-4, 8.0  # overlap [m], and standard deviations moved, of what cannot come free
-_SINGULAR = 1e-10  # share of a variance that is none
-#: To free what can be freed: fast, carefully, thoroughly, then without the pairs that could not be.
+_NEAREST = 5e-4  # the search ends when its last step is shorter [m]
+_LEFT_OVER, _TOO_FAR = (
+    2e-4,
+    8.0,
+)  # a group with more overlap [m] or standard deviations moved stays unresolved
+_SINGULAR = 1e-10  # smaller shares of a variance count as zero
+#: Attempts: fast, careful and thorough ones, then without the pairs that still overlap.
 _ATTEMPTS = 8
-_WORST = 0.5  # share of the deepest overlap left, at which a pair could not be freed
-_EXPECTED = 5.0  # standard deviations up to which a speed of approach may be none
+_WORST = 0.5  # pairs with at least this share of the deepest remaining overlap count as not separable
+_EXPECTED = 5.0  # closing speeds below this many standard deviations may be zero
 
 
 class ProjectionInput(NamedTuple):
@@ -173,7 +176,7 @@ def _project_from(n, states, given, found, world, work, scratch):
             start.moved[n, i] = max(start.moved[n, i], moved[i])
             for c in range(columns):
                 kept = work.kept_overlap[i, c]
-                if depth[i, c] > TOUCHING and not given.look_only:
+                if depth[i, c] > OVERLAP_TOLERANCE and not given.look_only:
                     found.first_time[n, i, c] = 0.0
                 if kept > 0.0:
                     found.kept_overlap[n, i, c] = kept
@@ -206,11 +209,13 @@ def project_sample(x, given, world, work, scratch):
             count = gather(i, moving, work, scratch.local)
             for a in range(count):
                 settled[work.members[a]] = True
-            deepest = find_rows(x, count, -TOUCHING, -TOUCHING, True, given.sides, world, work)
+            deepest = find_rows(
+                x, count, -OVERLAP_TOLERANCE, -OVERLAP_TOLERANCE, True, given.sides, world, work
+            )
             if work.counts[OVERFLOW] != NO_OVERFLOW:
                 return False
             note_depths(scratch.depth, scratch.overlap, work)
-            if deepest <= TOUCHING or given.look_only:
+            if deepest <= OVERLAP_TOLERANCE or given.look_only:
                 continue
             any_moved = True
             coupled = False
@@ -267,7 +272,7 @@ def _join_overlapping(x, world, work):
             if not (moving[i] and moving[j]) or work.part[i] == work.part[j]:
                 continue
             near = balls_within(x, i, j, 0.0, radius)
-            if near and pair_candidates(x, i, j, -TOUCHING, 0.0, world, work) > 0:
+            if near and pair_candidates(x, i, j, -OVERLAP_TOLERANCE, 0.0, world, work) > 0:
                 join(group, i, j)
                 found = True
     for i in range(len(x)):
@@ -279,8 +284,8 @@ def _join_overlapping(x, world, work):
 def project_group(x, count, coupled, careful, thorough, deepest, given, world, work, scratch):
     """Move the group at hand to the nearest poses without overlap; returns the overlap that is left [m].
 
-    ``scratch.moved`` is told how many standard deviations each body went; the contacts at hand are those of
-    the end.
+    ``scratch.moved`` receives the distance that each body moved, in standard deviations. The contact rows
+    are those of the end.
     """
     members, metric, sides = work.members, given.metric, given.sides
     start, rows = scratch.begin, scratch.rows
@@ -380,7 +385,7 @@ def stop_approach(x, count, coupled, given, world, work, scratch):
     members, kept = work.members, 0
     for c in range(work.counts[CONTACTS]):
         row, i, j = work.rows[c], work.ids[c, 0], work.ids[c, 1]
-        if row[GAP] > 2.0 * TOUCHING:
+        if row[GAP] > 2.0 * OVERLAP_TOLERANCE:
             continue
         J = rows.jacobian[kept]
         rows.first[kept] = local[i] if metric.place[i] >= 0 else -1
@@ -424,7 +429,7 @@ def keep_overlap(count, depth, everything, moved, work):
     for c in range(work.counts[CONTACTS]):
         i, j = work.ids[c, 0], work.ids[c, 1]
         far = moved[i] > _TOO_FAR or (j >= 0 and moved[j] > _TOO_FAR)
-        if work.rows[c, GAP] < (2.0 * TOUCHING if far else -max(SOLVED, _WORST * deepest)):
+        if work.rows[c, GAP] < (2.0 * OVERLAP_TOLERANCE if far else -max(SOLVED, _WORST * deepest)):
             low, column = pair_of(i, j, len(depth))
             if depth[low, column] > work.kept_overlap[low, column]:
                 work.kept_overlap[low, column] = depth[low, column]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..initialization.overlap_search import TOUCHING
+from ..initialization.overlap_search import OVERLAP_TOLERANCE
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 _SLOW_IMPACTS = 1e-3  # m: a fall from so low may end without a rebound, and more than once
@@ -46,9 +46,9 @@ def conserves_energy(scene, start, touched, group) -> np.ndarray:
     if not scene.gyroscopic:  # then spin keeps energy only where all axes are alike
         takes |= start.shapes[:, 1] > (1.0 + _EQUAL) * start.shapes[:, 0]
     if scene.overlap == "keep":
-        takes |= start.overlap > TOUCHING
+        takes |= start.overlap > OVERLAP_TOLERANCE
     elif start.found is not None:
-        takes |= (start.found.kept > TOUCHING).any(axis=0)
+        takes |= (start.found.kept > OVERLAP_TOLERANCE).any(axis=0)
     return np.bincount(group, takes, bodies)[group] == 0
 
 

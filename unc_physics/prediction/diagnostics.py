@@ -16,7 +16,7 @@ import numpy as np
 from ..checks.shown import printable
 from ..collision.contact_model import capacity, impact_frequency
 from ..geometry.packing_file import EXTENT_LOSS
-from ..initialization.overlap_search import TOUCHING
+from ..initialization.overlap_search import OVERLAP_TOLERANCE
 from ..propagators.base import Samples
 from ..propagators.modes import contains, split
 from ..propagators.overlap_depths import overlaps
@@ -229,7 +229,7 @@ def overlap_share(evidence):
     raises no flag.
     """
     found = evidence.start.found
-    return None if found is None else (found.overlap > TOUCHING).mean(axis=0)
+    return None if found is None else (found.overlap > OVERLAP_TOLERANCE).mean(axis=0)
 
 
 @_measure(
@@ -258,7 +258,7 @@ def overlap_certain(evidence):
     found = evidence.start.found
     if found is None or evidence.scene.overlap == "keep":
         return None
-    return (found.kept > TOUCHING).mean(axis=0)
+    return (found.kept > OVERLAP_TOLERANCE).mean(axis=0)
 
 
 @_measure(

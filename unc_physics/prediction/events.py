@@ -20,10 +20,9 @@ from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import array, instance, positive
 from ..scene.environment import ENVIRONMENT, element_names, thing_names
-from ..scene.parameters import turned
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from ..spatial.rotation import rotation_matrix
+from ..spatial.rotation import rotate_vectors, rotation_matrix
 from .regions import BoxRegion
 
 #: Speeds below which a body counts as at rest [m/s], [rad/s].
@@ -287,7 +286,7 @@ class Upright(BodyEvent):
         axis = self.axis
         if axis is None:
             axis = rotation_matrix(outcomes.start[_body(self.object, outcomes.scene), QUATERNION]).T @ up
-        upward = turned(self.states(outcomes)[:, QUATERNION], axis) @ up
+        upward = rotate_vectors(self.states(outcomes)[:, QUATERNION], axis) @ up
         return self.angle - np.arccos(np.clip(upward, -1.0, 1.0))
 
     def __str__(self):

@@ -18,8 +18,10 @@ FIRST_RUNS = 32  # rollouts before the first estimate of errors
 #: Errors are assumed to fall by the root of the number of rollouts. A batch has a margin on that number, is a
 #: multiple of a portion, and has a least share of all rollouts, as each estimate of errors costs a fit.
 _MARGIN, _PORTION, _LEAST_GROWTH = 1.05, 8, 0.25
-_DEARER = 2.0  # times what they take now, and as much again for as many rollouts more: that answers then take
-_WORTH = 1.0 / 16.0  # share of the rollouts: time that is left for fewer more is left alone
+_DEARER = 2.0  # factor on the measured time of a fit, as later fits have more rollouts
+_WORTH = (
+    1.0 / 16.0
+)  # share of the rollouts: a time budget that allows fewer additional ones ends the prediction
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ class Cloud(SimulatedRollouts, Samples, Rollouts):
             root = np.concatenate([root @ reduced.relative, root @ reduced.common], axis=1)
         simulated = np.ones(size + extra, bool)
         simulated[size - common : size] = False
-        # what is simulated comes first among the points' columns, which are the better the earlier
+        # simulated directions take the first columns of the Sobol points, which are the most uniform
         columns = np.empty(size + extra, np.int64)
         columns[simulated] = np.arange(size + extra - common)
         columns[~simulated] = np.arange(size + extra - common, size + extra)

@@ -12,7 +12,7 @@ import numpy as np
 from ..compiler import kernel
 from ..compiler.arrays import zeros
 from ..dynamics.contact_history import ContactHistory
-from ..initialization.overlap_search import TOUCHING
+from ..initialization.overlap_search import OVERLAP_TOLERANCE
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
@@ -286,7 +286,7 @@ def _replace_penetrating(states, ends, near, scene):
     overlap takes the nearest rollout for both.
     """
     bodies = np.flatnonzero((near >= 0).any(axis=0))
-    deepest = overlaps(scene, ends)[0].max(axis=0) + TOUCHING
+    deepest = overlaps(scene, ends)[0].max(axis=0) + OVERLAP_TOLERANCE
     for _ in range(len(bodies)):
         wrong = (overlaps(scene, states)[0] > deepest) & (near >= 0)
         some = np.flatnonzero(wrong.any(axis=1))

@@ -21,7 +21,7 @@ from ..dynamics.explicit_step import (
 from ..dynamics.workspace import workspace
 from ..spatial.layout import EP, ER, ERROR, EV, EW
 from ..spatial.random import RUN, combine, places
-from ..spatial.rotation import cross, exp, rotate, rotate_back
+from ..spatial.rotation import cross, exp, rotate, rotate_back, rotate_by_quaternion
 from .sampled_contacts import frobenius_norm, sample_contacts
 
 _ROUND_OFF = 1e-6  # of a spread's trace: what single precision may lose
@@ -158,22 +158,13 @@ def sample_element_contacts(i, e, found, pair_key, t, tree, environment, work, c
                 )
                 z0, z1, z2 = table[o[3] + s], table[o[4] + s], table[o[5] + s]
                 turn = rotate(T, float(z0), float(z1), float(z2))
-                a = turned(arm, turn)
+                a = rotate_by_quaternion(exp(turn[0], turn[1], turn[2]), arm)
                 c = rotate_back(R_e, p[0] + a[0], p[1] + a[1], p[2] + a[2])
                 m = surface(environment.kind, environment.size, e, t[0] + c[0], t[1] + c[1], t[2] + c[2])[1]
                 m = rotate(R_e, m[0], m[1], m[2])
                 b = cross(a, m)
                 add_moments(cloud.spread[0], weight, (m[0] - n[0], m[1] - n[1], m[2] - n[2]))
                 add_moments(cloud.spread[1], weight, (b[0] - ux, b[1] - uy, b[2] - uz))
-
-
-@inner
-def turned(arm, turn):
-    """Return a vector turned by a rotation vector [rad]."""
-    q = exp(turn[0], turn[1], turn[2])
-    a = cross((q[0], q[1], q[2]), arm)
-    b = cross((q[0], q[1], q[2]), (a[0] + q[3] * arm[0], a[1] + q[3] * arm[1], a[2] + q[3] * arm[2]))
-    return arm[0] + 2.0 * b[0], arm[1] + 2.0 * b[1], arm[2] + 2.0 * b[2]
 
 
 @inner

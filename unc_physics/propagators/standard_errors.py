@@ -10,10 +10,10 @@ from ..spatial.moments import mean_and_errors, spread_states
 from .base import StandardErrors
 from .emission import Moments, Runs, moments
 
-#: Standard deviation of a rotation [rad] from which on some turn the shorter way and some the longer, so that
-#: its mean is less sure; and in how many parts rollouts are left out to see by how much.
+#: Standard deviation of a rotation [rad] above which rotation vectors wrap around, which makes its mean less
+#: certain; and the number of groups of a jackknife that then estimates the standard error.
 _WIDE, _PARTS = 1.0, 8
-#: Spreads below which there is none to know [m], [rad]: contacts give way by as much.
+#: Spreads below the compliance of contacts [m], [rad]: standard errors are not resolved below them.
 _SPREAD_FLOORS = 5e-5, 1e-3
 
 

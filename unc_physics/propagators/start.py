@@ -18,11 +18,10 @@ from ..dynamics.implicit_world import rest_steps
 from ..dynamics.rollout import rollout
 from ..initialization.lowering import lower
 from ..initialization.overlap_rows import Metric
-from ..initialization.overlap_search import TOUCHING, sides_of
+from ..initialization.overlap_search import OVERLAP_TOLERANCE, sides_of
 from ..initialization.projection import ProjectionInput, ProjectionOutput, project
 from ..scene.belief import Belief
 from ..scene.kinematic_states import held_at_start, kinematic_belief
-from ..scene.parameters import turned
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
@@ -35,7 +34,7 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..spatial.rotation import rotation_matrix
+from ..spatial.rotation import rotate_vectors, rotation_matrix
 
 _STEP = 1.0 / 60.0  # time step of settling [s]
 _FIRST_SETTLING, _LONGEST_SETTLING = 0.15, 3.0  # simulated times of the first attempt and of all attempts [s]
@@ -88,7 +87,7 @@ def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
             )
         states = belief.sample(max(count, _DRAWN_AT_ONCE), rng)
         overlap = _Resolution(scene, belief, states).adjustment().overlap
-        free = states[(overlap <= TOUCHING).all(axis=1)]
+        free = states[(overlap <= OVERLAP_TOLERANCE).all(axis=1)]
         accepted.append(free)
         found, drawn = found + len(free), drawn + len(states)
     return np.concatenate(accepted)[:count]
@@ -251,7 +250,7 @@ class _Resolution:
         bodies = np.flatnonzero(resting)
         # the direction of gravity in the bodies' frames
         before, after = (
-            turned(x[:, bodies, QUATERNION] * [-1.0, -1.0, -1.0, 1.0], down) for x in (drawn, states)
+            rotate_vectors(x[:, bodies, QUATERNION] * [-1.0, -1.0, -1.0, 1.0], down) for x in (drawn, states)
         )
         cross = np.linalg.norm(np.cross(before, after), axis=-1)
         start.tilted[:, bodies] = np.arctan2(cross, (before * after).sum(axis=-1))

@@ -135,7 +135,7 @@ def _gaussian_body(state, P, origin):
     slope = P[np.ix_(_OTHERS, np.arange(ERROR)[ERR_ROTATION])] @ inverse
     rest = P[np.ix_(_OTHERS, _OTHERS)] - slope @ P[ERR_ROTATION][:, _OTHERS]
     R = rotation_matrices(state[QUATERNION])
-    arms = _turned(turns, origin) @ R.T
+    arms = _rotate_by_vectors(turns, origin) @ R.T
     given = turns @ slope.T
     F = np.empty((len(turns), ERROR))
     F[:, ERR_POSITION] = given[:, _OTHER_P] + arms
@@ -177,7 +177,7 @@ def _rule(count, axes):
     return grid, weights
 
 
-def _turned(turns, point):
+def _rotate_by_vectors(turns, point):
     """Return a point (3,) rotated by each of some rotation vectors (K, 3)."""
     angle = np.linalg.norm(turns, axis=1)[:, None]
     sine = np.sinc(angle / np.pi)

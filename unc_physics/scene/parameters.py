@@ -15,7 +15,7 @@ from ..dynamics.implicit_rollout import Stops
 from ..dynamics.rollout import advance, new_records, read_records, record
 from ..dynamics.world import World
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from ..spatial.rotation import exp, rotation_matrix
+from ..spatial.rotation import exp, rotate_vectors, rotation_matrix
 from .body import shape_of
 from .kinematic_states import vary_actions
 from .materials import Materials, varied
@@ -224,16 +224,10 @@ def moved_along(states: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     if offsets.shape[1] == 0:
         return states
     moved = states.copy()
-    arm = turned(states[..., QUATERNION], offsets)
+    arm = rotate_vectors(states[..., QUATERNION], offsets)
     moved[..., POSITION] += arm
     moved[..., VELOCITY] += np.cross(states[..., ANGULAR_VELOCITY], arm)
     return moved
-
-
-def turned(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Return vectors (..., 3) in body axes as seen in the world, by the bodies' quaternions (..., 4)."""
-    cross = 2.0 * np.cross(q[..., :3], vector)
-    return vector + q[..., 3:] * cross + np.cross(q[..., :3], cross)
 
 
 def _tilted(gravity, tilt):

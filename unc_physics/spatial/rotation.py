@@ -118,6 +118,15 @@ def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+@kernel(arrays=False)
+def rotate_by_quaternion(q, v):
+    """Return a vector rotated by a unit quaternion as a tuple."""
+    axis = (q[0], q[1], q[2])
+    once = cross(axis, v)
+    twice = cross(axis, (once[0] + q[3] * v[0], once[1] + q[3] * v[1], once[2] + q[3] * v[2]))
+    return v[0] + 2.0 * twice[0], v[1] + 2.0 * twice[1], v[2] + 2.0 * twice[2]
+
+
 def rotation_matrix(q):
     """Return the rotation matrix (3, 3) of a unit quaternion; callable from Python."""
     R = np.empty((1, 3, 3))
@@ -143,6 +152,12 @@ def rotation_matrices(q):
         [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
     ]
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def rotate_vectors(q, vectors):
+    """Return vectors (..., 3) rotated by unit quaternions (..., 4); not for kernels."""
+    once = 2.0 * np.cross(q[..., :3], vectors)
+    return vectors + q[..., 3:] * once + np.cross(q[..., :3], once)
 
 
 def cross_matrices(v):

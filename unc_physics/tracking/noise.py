@@ -158,11 +158,11 @@ def disturb_contacts(
         shift = np.where(resting[..., None], noise.drift * root * across, shift)
         turn = np.where(resting[..., None], noise.turn * root * about, turn)
     states[:, moving, POSITION] += shift
-    states[:, moving, QUATERNION] = _turned(states[:, moving, QUATERNION], turn)
+    states[:, moving, QUATERNION] = _apply_rotation_vectors(states[:, moving, QUATERNION], turn)
     return share
 
 
-def _turned(q, turn):
+def _apply_rotation_vectors(q, turn):
     """Return quaternions (..., 4) after rotation vectors (..., 3), world axes."""
     angle = np.sqrt(np.einsum("...k,...k->...", turn, turn))[..., None]
     axis, w = turn * (0.5 * np.sinc(0.5 * angle / np.pi)), np.cos(0.5 * angle)

@@ -6,24 +6,11 @@ from ..compiler import inner, kernel
 from ..compiler.arrays import empty, zeros
 from ..spatial.layout import EP, ER, ERROR, EV, EW, P, Q, V, W
 from ..spatial.moments import boxplus
-from ..spatial.rotation import conjugate, exp, log, multiply, normalized
+from ..spatial.rotation import conjugate, exp, log, multiply, normalized, rotate_by_quaternion
 
 #: Kinds of measurements.
 POSE, POSITION, RELATIVE_POSE = 0, 1, 2
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-
-
-@inner
-def _turned(q, x, y, z):
-    """Return a vector turned by a quaternion."""
-    a = 2.0 * (q[1] * z - q[2] * y)
-    b = 2.0 * (q[2] * x - q[0] * z)
-    c = 2.0 * (q[0] * y - q[1] * x)
-    return (
-        x + q[3] * a + q[1] * c - q[2] * b,
-        y + q[3] * b + q[2] * a - q[0] * c,
-        z + q[3] * c + q[0] * b - q[1] * a,
-    )
 
 
 @inner
@@ -43,13 +30,13 @@ def write_residual(x, reference, kind, value, point, delay, out):
     """
     px, py, pz, q = _pose_after(x, delay)
     if kind == POSITION:
-        a, b, c = _turned(q, point[0], point[1], point[2])
+        a, b, c = rotate_by_quaternion(q, point)
         out[0], out[1], out[2] = px + a - value[0], py + b - value[1], pz + c - value[2]
         return
     if kind == RELATIVE_POSE:
         rx, ry, rz, r = _pose_after(reference, delay)
         back = conjugate(r)
-        px, py, pz = _turned(back, px - rx, py - ry, pz - rz)
+        px, py, pz = rotate_by_quaternion(back, (px - rx, py - ry, pz - rz))
         q = multiply(back, q)
     out[0], out[1], out[2] = px - value[0], py - value[1], pz - value[2]
     out[3], out[4], out[5] = log(multiply(conjugate((value[3], value[4], value[5], value[6])), q))
@@ -207,8 +194,8 @@ def constant_velocity(x, covariance, h, acceleration, angular_acceleration):
     turns = empty((3, 3))
     for k in range(3):
         F[EP + k, EV + k] = h
-        turns[0, k], turns[1, k], turns[2, k] = _turned(
-            back, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
+        turns[0, k], turns[1, k], turns[2, k] = rotate_by_quaternion(
+            back, (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
         )
     for r in range(3):
         for k in range(3):
