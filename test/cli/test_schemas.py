@@ -181,7 +181,7 @@ def test_predictions_fit_the_schema(name, tmp_path, capsys):
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(content))
     few = ["--samples", "5"] if "samples" in PROPAGATORS[name].options() else []
-    for more in ([], ["--probabilities", "--period", "0.5", "--status-rollouts", "0"]):
+    for more in ([], ["--probabilities", "--period", "0.5", "--samples-out", "3", "--status-rollouts", "0"]):
         assert main(["predict", str(path), "--json", "--propagator", name, *few, *more]) == 0
         result = json.loads(capsys.readouterr().out)
         assert not problems("prediction", result)
@@ -190,7 +190,8 @@ def test_predictions_fit_the_schema(name, tmp_path, capsys):
             for key in schema("prediction")["properties"]
             if more or key not in ("trajectory", "probabilities")
         }
-    assert result["bodies"][-1]["covariance"] is None
+    fixed = result["bodies"][-1]
+    assert fixed["covariance"] is None and len(fixed["samples"]) == 3
 
 
 def test_the_schema_knows_all_that_physics_may_say(tmp_path, capsys):

@@ -71,7 +71,7 @@ def test_on_the_command_line(installed):
         "--option",
     ]
     commands = [
-        [*predicts, "pairs=20", "--json", "--probabilities"],
+        [*predicts, "pairs=20", "--json", "--probabilities", "--samples-out", "3"],
         [*predicts, "pairs=0"],
         ["propagators"],
         ["predict", "--help"],
@@ -90,6 +90,7 @@ def test_on_the_command_line(installed):
     body = two_bodies()["bodies"][0]
     expected = np.array(body["position"]) + 0.2 * np.array(body["linear_velocity"])
     assert np.linalg.norm(np.array(found["bodies"][0]["position"]) - expected) < 0.05
+    assert len(found["bodies"][1]["samples"]) == 3
     assert "pairs must be at least 1" in errors and "python" not in errors.lower()
     assert (
         "antithetic: Monte Carlo with antithetic samples.\n    pairs: number of pairs of samples" in listed[0]

@@ -54,12 +54,13 @@ def test_the_command_says_which_physics(tmp_path, capsys):
         del content[key]
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(content))
-    assert main(["predict", str(path), "--horizon", "0.1", "--json"]) == 0
+    assert main(["predict", str(path), "--horizon", "0.1", "--json", "--samples-out", "2"]) == 0
     answer = json.loads(capsys.readouterr().out)
     physics = answer["physics"]
     assert physics["integrator"] == "implicit" and physics["dt"] == 1.0 / 240.0 and physics["stiffness"] > 1e4
     assert physics["friction"] == 0.5 and physics["restitution"] == 0.1 and physics["gyroscopic"]
     assert physics["overlap"] == "project"
+    assert np.shape(answer["bodies"][0]["samples"]) == (2, 13)
     assert main(["predict", str(path), "--horizon", "0.1"]) == 0
     assert capsys.readouterr().out.startswith("auto; implicit, dt 0.0041667 s, stiffness ")
 

@@ -1,11 +1,16 @@
 """States drawn from a prediction: Monte Carlo's own, or from the Gaussian."""
 
 import dataclasses
+import json
+import re
 
 import numpy as np
 import pytest
+import yaml
+from example_scenes import CONTENTS
 
-from unc_physics import make_propagator, predict
+from unc_physics import ErrorCode, make_propagator, predict
+from unc_physics.__main__ import main
 from unc_physics.checks.errors import InvalidRequestError, LimitExceededError
 
 HORIZON = 0.3  # s
@@ -69,3 +74,43 @@ def test_too_many_or_too_few_name_the_count(loaded):
                 prediction.samples(count)
     with pytest.raises(InvalidRequestError, match="count must be given: sigma_points"):
         gaussian.samples()
+
+
+# -- the command -------------------------------------------------------------------------------------
+
+
+POINTS = "--propagator", "sigma_points"
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(CONTENTS["three_bodies"]()))
+    return str(path)
+
+
+def test_the_command_adds_samples_to_each_body(file, capsys, loaded):
+    assert main(["predict", file, "--horizon", str(HORIZON), "--json", "--samples-out", "3", *POINTS]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    expected = predicted(loaded).samples(3)
+    for k, body in enumerate(answer["bodies"]):
+        np.testing.assert_array_equal(body["samples"], expected[:, k])
+    assert answer["physics"]["integrator"] == "explicit" and answer["physics"]["gravity"] == [0.3, 0.0, -5.0]
+
+
+@pytest.mark.parametrize(
+    "arguments, code, words",
+    [
+        (["--samples-out", "3"], "INVALID_OPTION", "--samples-out needs --json"),
+        (["--json", "--samples-out", "0"], "INVALID_REQUEST", "--samples-out must be at least 1"),
+        (
+            ["--json", "--samples-out", "9", "--propagator", "monte_carlo", "--samples", "4"],
+            "LIMIT_EXCEEDED",
+            "--samples-out .* 4 samples",
+        ),
+    ],
+)
+def test_bad_counts_are_one_sentence(file, capsys, arguments, code, words):
+    assert main(["predict", file, "--horizon", str(HORIZON), *arguments]) == ErrorCode[code]
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and re.search(words, err), err

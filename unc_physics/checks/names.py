@@ -28,7 +28,6 @@ _ELSEWHERE = {
 _REMOVED = {
     "islands": "was removed in version 0.3: leave it out; for many bodies take 'cloud'",
     "--levels": "was removed in version 0.3: leave it out",
-    "--samples-out": "was removed in version 0.3: take Prediction.samples in Python",
     "reduce": "was removed in version 0.3: leave it out; 'cloud' leaves common motion to a closed form",
     "smallest_first": "was removed in version 0.3: negate the score instead ('not' in files, ~ in Python)",
 }

@@ -13,6 +13,7 @@ from ..propagators.names import ANYTIME, entries
 from .arguments import add_options, check_picture, horizon_of, propagator_options, time_limit
 from .output import note, progress_display, writing
 
+_SHOWN_STATE = 1000.0  # bytes of a body's state as Python numbers and as text
 _REMEDY = f"use {ANYTIME}, or a propagator with --samples 300"
 _UNKNOWN = 20  # limit above which unknown probabilities are only counted
 
@@ -68,6 +69,9 @@ def add_predict_command(commands) -> None:
         metavar="OUT.png",
         help="also draw the prediction, from the side and from above; OUT.gif is an animation, with --period",
     )
+    parser.add_argument(
+        "--samples-out", type=int, metavar="N", help="with --json: also print N sampled states of each body"
+    )
     parser.set_defaults(run=run)
 
 
@@ -105,8 +109,17 @@ def run(arguments) -> int:
 
 def _check_outputs(arguments):
     """Raise an error for output options that cannot be fulfilled."""
+    from ..checks.errors import InvalidOptionError
+    from ..checks.validation import integer
+
     if arguments.picture is not None:
         check_picture(arguments.picture)
+    if arguments.samples_out is not None:
+        integer(arguments.samples_out, "--samples-out", low=1)
+        if not arguments.json:
+            raise InvalidOptionError(
+                "needs --json, which shows the samples", field="--samples-out", value=arguments.samples_out
+            )
 
 
 def _propagator(arguments):
@@ -146,7 +159,7 @@ def _print(arguments, prediction, statuses, found):
 
     if arguments.json:
         seed = prediction.seed if prediction.seed is not None else arguments.seed
-        result = as_dict(prediction, seed)
+        result = as_dict(prediction, seed, _samples(prediction, arguments.samples_out))
         result["statuses"] = _statuses(statuses)
         if found:
             result["probabilities"] = _probabilities_as_dicts(found)
@@ -171,6 +184,21 @@ def _draw(arguments, prediction, events):
             draw_animation(arguments.picture, prediction, title, events)
         else:
             draw_prediction(prediction, title).savefig(arguments.picture, dpi=110, bbox_inches="tight")
+
+
+def _samples(prediction, count):
+    """Return states drawn from the prediction, or None if not requested."""
+    from ..checks.errors import LimitExceededError
+    from ..checks.memory import require_memory
+
+    if count is None:
+        return None
+    bodies = len(prediction.scene.bodies)
+    require_memory(count * bodies * _SHOWN_STATE, "what is shown of them", "--samples-out", count)
+    try:
+        return prediction.samples(count)
+    except LimitExceededError as error:
+        raise LimitExceededError(error.problem, field="--samples-out", value=error.value) from None
 
 
 def _statuses(statuses):

@@ -27,11 +27,14 @@ if TYPE_CHECKING:
 FEW_LINES = 30
 
 
-def as_dict(prediction: Prediction, seed: int | None = None) -> dict[str, Any]:
+def as_dict(
+    prediction: Prediction, seed: int | None = None, samples: np.ndarray | None = None
+) -> dict[str, Any]:
     """Return a prediction as plain Python values, which JSON can hold.
 
     The keys are those of ``unc_physics schema prediction``. Each body's ``start`` is its belief at time 0
-    that was really used (`Prediction.start`). A body has ``modes`` if its state splits.
+    that was really used (`Prediction.start`). A body has ``modes`` if its state splits. ``samples``
+    (N, B, 13) at the horizon are added if they are given.
     """
     scene = prediction.scene
     result = {
@@ -54,6 +57,9 @@ def as_dict(prediction: Prediction, seed: int | None = None) -> dict[str, Any]:
             result["bodies"][k]["modes"] = [
                 {"probability": mode.weight, **_values(mode.mean, mode.covariance)} for mode in modes
             ]
+    if samples is not None:
+        for k, body in enumerate(result["bodies"]):
+            body["samples"] = samples[:, k].tolist()
     if len(prediction.times) > 1:
         result["trajectory"] = [
             {"time": time, "bodies": _bodies(scene, belief)}
