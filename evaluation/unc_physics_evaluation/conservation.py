@@ -1,38 +1,22 @@
-"""Conservation in rollouts and predictions: energy, momentum, positions at rest, definite covariance."""
+"""Conservation in rollouts: energy, momentum, positions at rest, and no passing through each other."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
 from unc_physics.dynamics import contact_history as histories
 from unc_physics.dynamics.rollout import rollout
-from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
-from unc_physics.spatial.layout import (
-    ANGULAR_VELOCITY,
-    ERR_ANGULAR_VELOCITY,
-    ERR_VELOCITY,
-    POSITION,
-    QUATERNION,
-    VELOCITY,
-)
-from unc_physics.spatial.rotation import rotation_matrices
+from unc_physics.spatial.layout import POSITION, VELOCITY
 
 from .energy import contact_energy, height_energy, kinetic_energy, momentum
 from .jobs import Row
 from .passing import passed_through
 
-FINITE, GAIN, CHANGE, MOMENTUM, PASSED, DRIFT, EIGENVALUE = (
-    "finite",
-    "energy_gain",
-    "energy_change",
-    "momentum_error",
-    "passed_through",
-    "drift",
-    "least_eigenvalue",
-)
+FINITE, GAIN, CHANGE, MOMENTUM = "finite", "energy_gain", "energy_change", "momentum_error"
+PASSED, DRIFT = "passed_through", "drift"
 #: Of the bodies' radii: with gravity, energies are compared with at least what lifts all of them so far.
 LIFT = 1e-3
 
@@ -80,60 +64,15 @@ def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:
     return rows
 
 
-def prediction_rows(
-    method: str, scene: Scene, beliefs: Sequence[Belief], times: Sequence[float]
-) -> list[Row]:
-    """Return the conservation errors of a prediction, from its beliefs; the first is the initial one.
-
-    Energy is a lower bound of the expected energy, with the spread's part: rotation counts as if about the
-    axis of least inertia. With spread-out rotations, means and covariances determine no more.
-    """
-    means = np.array([belief.mean for belief in beliefs])
-    height = height_energy(scene, means)
-    total = height + [_kinetic_at_least(scene, belief) for belief in beliefs]
-    total[0] = height[0] + kinetic_energy(scene, means[0]) + _spread_energy(scene, beliefs[0])
-    return [
-        Row(method, GAIN, "1", _gain(scene, total, height, contact_energy(scene, means[0]))),
-        *_momentum_rows(method, scene, means, np.asarray(times)),
-        _eigenvalue_row(method, beliefs),
-    ]
-
-
-def sampled_rows(
-    method: str,
-    scene: Scene,
-    beliefs: Sequence[Belief],
-    rollouts: Iterable[np.ndarray],
-    times: Sequence[float],
-) -> list[Row]:
-    """Return the rows of `prediction_rows` for a prediction by rollouts, from their states (N, B, 13).
-
-    Energy and momentum are means over the rollouts. Those of the estimated moments would be uncertain by
-    more than the energy or momentum of a body at rest.
-    """
-    height, total, means, stored = [], [], [], None
+def mean_gain(scene: Scene, rollouts: Iterable[np.ndarray]) -> float:
+    """Return the gain of `rollout_rows` in the mean energy of rollouts, whose states (N, B, 13) are given."""
+    height, total, stored = [], [], None
     for states in rollouts:
         if stored is None:
             stored = float(np.mean([contact_energy(scene, state) for state in states]))
         height.append(height_energy(scene, states).mean())
         total.append(height[-1] + kinetic_energy(scene, states).mean())
-        means.append(states.mean(axis=0))
-    return [
-        Row(method, GAIN, "1", _gain(scene, np.array(total), np.array(height), stored)),
-        *_momentum_rows(method, scene, np.array(means), np.asarray(times)),
-        _eigenvalue_row(method, beliefs),
-    ]
-
-
-def _eigenvalue_row(method, beliefs):
-    return Row(method, EIGENVALUE, "1", min(least_eigenvalue(belief) for belief in beliefs))
-
-
-def least_eigenvalue(belief: Belief) -> float:
-    """Return the covariance's least eigenvalue over its largest; 0 if nothing is uncertain."""
-    values = np.linalg.eigvalsh(belief.covariance)
-    largest = np.max(values, initial=0.0)
-    return float(np.min(values, initial=0.0) / largest) if largest > 0.0 else 0.0
+    return _gain(scene, np.array(total), np.array(height), stored)
 
 
 def _lossless(scene):
@@ -163,25 +102,3 @@ def _momentum_rows(method, scene, states, times):
     error = np.linalg.norm(momentum(scene, states) - expected, axis=-1).max()
     size = (np.linalg.norm(states[:, :, VELOCITY], axis=-1) @ mass).max()
     return [Row(method, MOMENTUM, "1", float(error / max(size, 1e-300)))]
-
-
-def _spread_energy(scene, belief):
-    """Return the kinetic energy that the spread of velocities adds to the mean's [J]."""
-    energy = 0.0
-    for k, P in zip(scene.moving, belief.blocks, strict=True):
-        body, R = scene.bodies[k], rotation_matrices(belief.mean[k, QUATERNION])
-        turning = np.sum(R @ body.model.inertia @ R.T * P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY])
-        energy += 0.5 * body.mass * (P[ERR_VELOCITY, ERR_VELOCITY].trace() + turning)
-    return energy
-
-
-def _kinetic_at_least(scene, belief):
-    energy = 0.0
-    for k, P in zip(scene.moving, belief.blocks, strict=True):
-        body, x = scene.bodies[k], belief.mean[k]
-        moving = x[VELOCITY] @ x[VELOCITY] + P[ERR_VELOCITY, ERR_VELOCITY].trace()
-        turning = (
-            x[ANGULAR_VELOCITY] @ x[ANGULAR_VELOCITY] + P[ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY].trace()
-        )
-        energy += 0.5 * body.mass * (moving + np.linalg.eigvalsh(body.model.inertia)[0] * turning)
-    return energy

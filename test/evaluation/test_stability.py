@@ -29,10 +29,9 @@ from unc_physics_evaluation.energy import contact_energy, kinetic_energy, surfac
 from unc_physics_evaluation.experiments import stability
 from unc_physics_evaluation.hard_cases import FOLDER, load, names
 from unc_physics_evaluation.hard_cases.shapes import SHAPES, ball, rod
-from unc_physics_evaluation.judgement import SHAPE, judge, rates
 from unc_physics_evaluation.passing import passed_through
 from unc_physics_evaluation.results import Results
-from unc_physics_evaluation.stability_document import AT_REST, DRIFT_LIMIT, Found
+from unc_physics_evaluation.stability_document import AT_REST, DRIFT_LIMIT, SHAPE, Found, judge, rates
 
 BALL = ball().scaled(0.1)
 SCHEMA = jsonschema.Draft202012Validator(json.loads(schema_text("scene")))

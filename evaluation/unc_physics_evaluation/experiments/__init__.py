@@ -36,7 +36,6 @@ DEFAULT = (
 BY_NAME = (
     "collisions",
     "storage",
-    "scenes_at_random",
     "tracking",
     "reality",
     "propagators",

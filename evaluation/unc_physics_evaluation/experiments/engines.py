@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 
 from .. import work_precision
-from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import OURS
 from ..results import Results
@@ -30,15 +29,6 @@ SCENES = {
     "64_into_bin": (partial(boxes_and_cans, 64), 1, 0.5),
 }
 RATE = 240  # steps in a second
-#: How many times longer than ours a rollout in MuJoCo, and one in PyBullet, is to take.
-GOALS = {
-    "salt_box_into_bin": (2.5, 3.0),
-    "can_off_shelf": (2.5, 3.0),
-    "five_into_bin": (2.0, 3.0),
-    "ten_into_bin": (2.0, 3.0),
-    "tableware_into_box": (4.0, 11.0),
-    "64_into_bin": (1.0, 2.0),
-}
 TIME, RATIO = "rollout_time", "rollout_time_over_ours"
 _SLEEP = {False: "", True: " with sleep"}
 
@@ -97,7 +87,7 @@ def _times(job):
 
 
 def report(results: Results) -> str:
-    """Times beside the goals, then errors over time."""
+    """Return times, then errors over time."""
     rows = results.rows("engines").where(section=SPEED)
     head = ["scene", "engine", "sleep", "CPU time [ms]", "median of paired ratios to unc_physics"]
     lines = []
@@ -108,22 +98,8 @@ def report(results: Results) -> str:
             figures = number(1e3 * taken.median()), "1" if engine == OURS else number(share.median())
             lines.append([scene.replace("_", " "), ENGINES[engine], "yes" if sleeps else "no", *figures])
     times = results.table("engine_times", head, lines)
-    parts = ["### CPU time of a rollout\n", times, goal_tables(_figures(results))]
+    parts = ["### CPU time of a rollout\n", times]
     precision = results.rows("engines").where(section=PRECISION)
     if precision:
         parts += ["## Error over time\n", work_precision.report(results, precision)]
     return "\n".join(parts)
-
-
-def _figures(results) -> dict[str, list[Figure]]:
-    rows, found = results.rows("engines").where(section=SPEED), []
-    for scene in rows.unique("scene"):
-        for engine, goal in zip(("mujoco", "pybullet"), GOALS[scene], strict=True):
-            share = rows.where(scene=scene, method=engine, quantity=RATIO)
-            if share:
-                title = scene.replace("_", " ")
-                found.append(Figure(f"{ENGINES[engine]} / ours", title, share.median(), "x", goal))
-    return {"A rollout's CPU time over ours, without sleep": found}
-
-
-verdict = goals_met_by(_figures)

@@ -8,7 +8,6 @@ import numpy as np
 
 from unc_physics.checks.errors import DivergedError
 
-from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import OURS
 from ..order_cases import CASES, end_states, order_case
@@ -20,8 +19,6 @@ TITLE = "Order of accuracy"
 RATES = (60, 120, 240, 480, 1000, 2000, 4000)  # steps in a second
 QUICK_RATES = (60, 240, 1000)
 ERROR = "error"
-#: By how much a fitted order may fall short of the one that is asked for.
-TOLERANCE = 0.1
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -77,7 +74,7 @@ def observed_order(curve: np.ndarray, floor: float) -> tuple[float, int]:
 
 
 def report(results: Results) -> str:
-    """Goals, the figure, errors and orders, and what the cases are."""
+    """The figure, errors and orders, and what the cases are."""
     from ..order_plots import Panel, draw_orders
 
     rows = results.rows("orders")
@@ -107,7 +104,6 @@ def report(results: Results) -> str:
             table(
                 ["case", "answer from", "error after", "order wanted", "floor", "cause of the floor"], cases
             ),
-            goal_tables(_figures(results)),
         ]
     )
 
@@ -131,20 +127,3 @@ def _order(curve, floor):
     if math.isinf(order):
         return f"within the floor ({count})"
     return "diverged" if math.isnan(order) else f"{number(order)} ({count})"
-
-
-def _figures(results) -> dict[str, list[Figure]]:
-    rows, found = results.rows("orders"), []
-    for name in CASES:
-        curves = _curves(rows, name)
-        if OURS not in curves:
-            continue
-        case = order_case(name, OURS, float(curves[OURS][0, 0]))
-        order, count = observed_order(curves[OURS], case.floor)
-        note = f"errors above the floor: {count} of {len(curves[OURS])}"
-        goal = None if case.order is None else case.order - TOLERANCE
-        found.append(Figure("order", case.title, order, "", goal, note=note))
-    return {f"Orders of {ENGINES[OURS]}; none where errors are within the floor": found}
-
-
-verdict = goals_met_by(_figures)

@@ -11,9 +11,8 @@ from unc_physics.propagators.registry import make_propagator
 
 from ..comparison import Samples, distance_cost, error_rows
 from ..engines import GEOMETRIES, PEERS
-from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Row, Settings
-from ..methods import FLOOR, MONTE_CARLO, label
+from ..methods import FLOOR, MONTE_CARLO
 from ..pareto import Choice
 from ..results import Results, Rows
 from ..rollouts import ENGINES, OURS, available, missing_engines
@@ -25,8 +24,6 @@ TITLE = "Peers"
 SHAPES = {"spheres": "1000 spheres", "pieces": "convex pieces", "box": "a box"}
 COUNTS = (2, 5, 10, 20, 50, 100, 200, 500, 1000)
 ROLLOUT, ROLLOUT_RATIO = "rollout_time", "rollout_time_over_ours"
-#: How many times longer a rollout with the same spheres is to take than ours: of the armadillo, of others.
-GOALS = {"pybullet": (3.0, 5.0), "mujoco": (25.0, 40.0)}
 _COSTS = {"ours": 1e-3, "pybullet": 4e-3, "mujoco": 8e-3}  # s
 _MUJOCO_SPHERES_COST = 0.08  # s
 
@@ -125,7 +122,7 @@ def report(results: Results) -> str:
         share = found.where(quantity=ROLLOUT_RATIO, samples=None).median()
         lines.append([_name(engine, geometry), model, number(each), number(share)])
     head = ["engine and shape", "model", "CPU time [ms]", "median of paired ratios to unc_physics"]
-    return f"{results.table('peers', head, lines)}\n{goal_tables(_figures(results))}"
+    return results.table("peers", head, lines)
 
 
 def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice]]]:
@@ -145,20 +142,6 @@ def engine_choices(rows: Rows, quantity: str) -> dict[str, dict[str, list[Choice
     return made
 
 
-def _figures(results) -> dict[str, list[Figure]]:
-    rows = results.rows("peers")
-    found = []
-    for engine in (name for name in GOALS if rows.where(engine=name)):
-        for model in rows.unique("model"):
-            here = rows.where(engine=engine, geometry="spheres", model=model)
-            if not here:
-                continue
-            slower = here.where(quantity=ROLLOUT_RATIO, samples=None).median()
-            goal = GOALS[engine][model != "armadillo"]
-            found.append(Figure(f"{label(engine)} / ours", model, slower, "x", goal))
-    return {"One rollout with the same spheres, CPU time over ours": found}
-
-
 def _name(engine, geometry):
     return f"{ENGINES[engine]}, {SHAPES[geometry]}"
 
@@ -168,6 +151,3 @@ def _curve(rows, quantity):
     floor = rows.where(method=FLOOR, quantity=quantity).mean()
     errors = rows.where(method=MONTE_CARLO, quantity=quantity)
     return [(n, errors.where(samples=n).mean() / floor) for n in sorted(errors.unique("samples"))]
-
-
-verdict = goals_met_by(_figures)

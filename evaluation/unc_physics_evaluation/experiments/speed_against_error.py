@@ -21,9 +21,8 @@ from ..comparison import (
     time_rows,
     two_truths,
 )
-from ..goals import Figure, goal_tables, goals_met_by
 from ..jobs import Job, Outcome, Settings
-from ..methods import FLOOR, GAUSSIAN, MONTE_CARLO, label
+from ..methods import FLOOR, GAUSSIAN, label
 from ..pareto import Choice
 from ..results import Results
 from ..scenarios import MODELS, collision
@@ -37,10 +36,6 @@ COUNTS = (2, 5, 10, 16, 32, 64, 100, 200, 500, 1000)
 GROWN = (12, 16, 32, 64, 128, 256, 512, 1000)
 SIGMAS = (0.01, 0.05, 0.1)
 TIMED_SIGMA = 0.05
-#: W1 over the floor of clouds by their runs, positions and rotations, over all models and sigmas.
-GOALS = {16: (1.28, 1.87), 32: (1.15, 1.55), 64: (1.05, 1.30)}
-#: Share of the cases in which a cloud may be worse than Monte Carlo with as many rollouts.
-WORSE = 0.01
 #: What makes a case.
 CASE = ("model", "encounter", "sigma")
 QUANTITIES = ((POSITION_ERROR, "positions"), (ROTATION_ERROR, "rotations"))
@@ -122,7 +117,6 @@ def report(results: Results) -> str:
         )
         parts.append(f"![Error over {title}](figures/{figure.name})\n")
     parts.append(_table(results, rows))
-    parts.append("\n" + goal_tables(_goals(results)))
     return "\n".join(parts)
 
 
@@ -153,30 +147,6 @@ def _over_floor(rows, method, samples, quantity):
         if found.where(**own):  # an interrupted run lacks some
             ratios.append(found.where(**own).mean() / floor.where(**own).mean())
     return np.array(ratios)
-
-
-def _goals(results):
-    """The clouds' errors beside their goals."""
-    rows = results.rows("speed_against_error").where(measured="error")
-    figures = []
-    for runs, goals in GOALS.items():
-        worse = []
-        for (quantity, name), goal in zip(QUANTITIES, goals, strict=True):
-            errors = _over_floor(rows, "cloud", runs, quantity)
-            if not len(errors):
-                continue
-            value = float(np.exp(np.mean(np.log(errors))))
-            figures.append(Figure(f"cloud-{runs}", name, value, "floors", goal, at_most=True))
-            worse.append(errors > _over_floor(rows, MONTE_CARLO, runs, quantity))
-        if worse:
-            share = float(np.mean(worse))
-            figures.append(
-                Figure(f"cloud-{runs} worse than MC-{runs}", "cases", share, "", WORSE, at_most=True)
-            )
-    return {"Errors over the floor, geometric means over all models, encounters and sigmas": figures}
-
-
-verdict = goals_met_by(_goals)
 
 
 def _limits(rows):

@@ -1,4 +1,4 @@
-"""Hard cases: energy, momentum, covariance and flags of every propagator."""
+"""Hard cases: conservation in rollouts, and spreads and flags of every propagator."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from unc_physics.checks.errors import DivergedError
-from unc_physics.prediction.predict import predict, start_belief
+from unc_physics.prediction.predict import predict
 from unc_physics.prediction.request_checks import periodic_times
 from unc_physics.prediction.status import assess
-from unc_physics.propagators.base import Samples
 from unc_physics.propagators.registry import PROPAGATORS, make_propagator
 from unc_physics.propagators.start import constrain_belief
 from unc_physics.scene.belief import Belief
@@ -18,7 +17,7 @@ from unc_physics.scene.stiffness import with_stiffness
 from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION
 
 from .. import everyday_cases
-from ..conservation import FINITE, prediction_rows, rollout_rows, sampled_rows, trajectory
+from ..conservation import FINITE, GAIN, mean_gain, rollout_rows, trajectory
 from ..hard_cases import digest, load, names
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO
@@ -131,7 +130,7 @@ def _truth(given, job):
 
 
 def _prediction(given, name, job):
-    """Return a propagator's conservation errors, final spreads, and flags with their measures."""
+    """Return a propagator's final spreads and measures, and the energy that rollouts gain."""
     scene, belief, horizon = given
     looks = LOOKS if len(scene.bodies) <= MANY else FEW_LOOKS
     times = periodic_times(scene, max(round(horizon / looks / scene.dt), 1) * scene.dt, horizon)
@@ -145,7 +144,10 @@ def _prediction(given, name, job):
     except DivergedError:
         return [Row(name, FINITE, "1", 0.0)]
     rows = [Row(name, FINITE, "1", 1.0)]
-    rows += _kept_rows(name, scene, belief, prediction)
+    if name == MONTE_CARLO:
+        carry = propagator.init(scene, constrain_belief(scene, belief))
+        gain = mean_gain(scene, _rollouts(propagator, carry, scene, (0.0, *prediction.times)))
+        rows.append(Row(name, GAIN, "1", gain))
     rows += _spread_rows(name, scene, prediction.belief, samples, prediction.seed)
     statuses = assess(prediction)
     for k in scene.moving.tolist():
@@ -154,18 +156,6 @@ def _prediction(given, name, job):
             for measure, value in statuses[k].measures.items()
         ]
     return rows
-
-
-def _kept_rows(name, scene, belief, prediction):
-    """Return rows of energy, momentum and eigenvalues, from the initial belief on."""
-    propagator, times = prediction.propagator, (0.0, *prediction.times)
-    nominal = propagator.traits.mean_update == "nominal"
-    start = start_belief if nominal else constrain_belief
-    carry = propagator.init(scene, start(scene, belief))
-    beliefs = (propagator.belief(carry, scene), *prediction.beliefs)
-    if not isinstance(propagator, Samples):
-        return prediction_rows(name, scene, beliefs, times)
-    return sampled_rows(name, scene, beliefs, _rollouts(propagator, carry, scene, times), times)
 
 
 def _rollouts(propagator, carry, scene, times):
