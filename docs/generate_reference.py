@@ -295,6 +295,11 @@ def python_page(topic: str, title: str, summary: str, members: Iterable[str]) ->
     return "\n".join([*lines, "```", ""])
 
 
+def _where(integrators):
+    """Return the integrator of a support that is for one integrator only, in parentheses."""
+    return f" ({integrators[0]})" if len(integrators) == 1 else ""
+
+
 def _propagator_table():
     """Return what each propagator is, supports and takes as options."""
     from unc_physics import PROPAGATORS
@@ -303,9 +308,9 @@ def _propagator_table():
     for name, cls in PROPAGATORS.items():
         made = cls()
         supports = (
-            ("uncertain parameters", made.supports.parameters),
+            (f"uncertain parameters{_where(made.supports.parameters_on)}", made.supports.parameters),
             ("errors of impacts", made.supports.impact_errors),
-            ("actions", made.supports.actions),
+            (f"actions{_where(made.supports.actions)}", made.supports.actions),
             ("`overlap: reject`", made.supports.overlap_rejection),
         )
         rows.append(

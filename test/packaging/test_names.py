@@ -21,7 +21,7 @@ NAMES = {
 } - {ANYTIME}  # which is also what stiffness and overlap may be
 FILES = [
     path
-    for folder in ("scene", "collision", "derivatives", "dynamics", "prediction", "cli", "ros")
+    for folder in ("scene", "collision", "dynamics", "prediction", "cli", "ros")
     for path in sorted((ROOT / folder).rglob("*.py"))
 ]
 

@@ -46,11 +46,11 @@ def test_what_others_ask_of_a_propagator_fits_together(loaded, propagator):
     if isinstance(propagator, Samples):
         assert len(propagator.own_samples(carry, scene)) == propagator.own_sample_count
         assert len(propagator.rollout_states(carry, scene)) == len(first)
+    else:
+        assert len(first) <= propagator.most_rollouts(scene, belief)
     if isinstance(propagator, PointPairs):
         assert propagator.directions(belief).shape == (2,)
-        assert (
-            len(propagator.point_states(carry, scene)) == len(first) <= propagator.point_count(scene, belief)
-        )
+        assert len(propagator.point_states(carry, scene)) == len(first)
     if isinstance(propagator, Rollouts):
         parts = [propagator.select_rollouts(carry, slice(*part)) for part in ((0, 5), (5, len(first)))]
         assert_identical(propagator.concatenate(*parts), carry)
@@ -148,7 +148,9 @@ def test_advancing_in_pieces_equals_one_call_to_the_last_bit(loaded, propagator)
 
 
 @pytest.mark.parametrize("sleep", [False, True])
-@pytest.mark.parametrize("name, options", [("sigma_points", {}), ("monte_carlo", {"samples": 10})])
+@pytest.mark.parametrize(
+    "name, options", [("sigma_points", {}), ("linearization", {}), ("monte_carlo", {"samples": 10})]
+)
 def test_pieces_on_the_implicit_step_equal_one_call_to_the_last_bit(loaded, name, options, sleep):
     """With all that is remembered of contacts and rest."""
     scene, belief, _ = loaded("everyday")

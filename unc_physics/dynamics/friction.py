@@ -12,9 +12,9 @@ v0 is the speed of `Scene.impact_friction_speed`. Lasting contacts have mu itsel
 The solver projects onto these sets. Each contact stores mu and r of its two partners
 (`collision.contact_patch`).
 
-`holds`, `sticks`, `spins` and `slip_derivative` assume that a contact below its limit does not slip, as the
-solver's complementarity implies. They do not look for slip. Sleep detection (`implicit_step`), the surrogate
-and local sampling (`solved_contacts`), and `implicit_derivative` and `twist_derivative` rely on it.
+`holds` and `sticks` assume that a contact below its limit does not slip, as the solver's complementarity
+implies. They do not look for slip. Sleep detection (`implicit_step`), and the surrogate and local sampling
+(`solved_contacts`) rely on it.
 """
 
 import math
@@ -24,10 +24,8 @@ from ..collision.contact_row import FRICTION, REACH
 from ..collision.contact_simd import contact_speeds, foreseen
 from ..collision.implicit_workspace import CONTACTS, START
 from ..compiler import inner
-from ..spatial.vectors import dot, minus, times
 
-_AT_LIMIT = 1.0 - 1e-9  # share of the limit above which a contact slides or spins
-_NO_SLIP = 1e-12  # below this speed, slip has no direction [m/s]
+_AT_LIMIT = 1.0 - 1e-9  # share of the limit above which a contact slides
 
 
 @inner
@@ -46,23 +44,6 @@ def weaken_with_speed(slipperiness, work):
 def slip_limit(row, normal):
     """Return the largest tangential impulse for a normal impulse ``normal`` [N s]."""
     return row[FRICTION] * normal
-
-
-@inner(forceinline=True)
-def slip_limit_per_impulse(row, normal):
-    """Return the derivative of `slip_limit` with respect to the normal impulse."""
-    return row[FRICTION]
-
-
-@inner(forceinline=True)
-def slip_limit_per_speed(row, normal, speed, slipperiness):
-    """Return the derivative of an impact's `slip_limit` with respect to the contact's normal speed [kg].
-
-    ``row`` has the friction of this normal ``speed`` [m/s], which is negative for a closing contact.
-    """
-    if speed >= 0.0:
-        return 0.0
-    return normal * (row[FRICTION] * slipperiness / (1.0 - slipperiness * speed))
 
 
 @inner(forceinline=True, fastmath=FAST)
@@ -99,46 +80,3 @@ def holds(row, impulse, share):
 def sticks(row, impulse):
     """Return whether a contact does not slide."""
     return holds(row, impulse, _AT_LIMIT)
-
-
-@inner(forceinline=True, error_model="numpy")
-def slip_derivative(row, normal, f_t, u_t, n, yielding):
-    """Return the derivative of a contact's impulse vector.
-
-    Parameters
-    ----------
-    row : array
-        Row of the contact.
-    normal : float
-        Normal impulse [N s].
-    f_t, u_t : tuple
-        Tangential impulse [N s] and slip velocity [m/s].
-    n : tuple
-        Contact normal.
-    yielding : float
-        Slip velocity per tangential impulse of a sticking contact [m/(s N s)].
-
-    Returns
-    -------
-    slides : bool
-    pushed : tuple
-        Derivative with respect to the normal impulse.
-    along : tuple
-        Direction of the friction impulse; 0 for a sticking contact.
-    hold : float
-        Impulse per slip velocity, across ``along`` [N s s/m].
-    """
-    limit = slip_limit(row, normal)
-    has_friction = row[FRICTION] > 0.0
-    size_t = math.sqrt(dot(f_t, f_t))
-    if has_friction and size_t >= _AT_LIMIT * limit and dot(u_t, u_t) > _NO_SLIP * _NO_SLIP:
-        along = times(-1.0 / size_t, f_t)
-        pushed = minus(n, times(slip_limit_per_impulse(row, normal), along))
-        return True, pushed, along, limit / math.sqrt(dot(u_t, u_t))
-    return False, n, (0.0, 0.0, 0.0), 1.0 / yielding if has_friction else 0.0
-
-
-@inner(forceinline=True)
-def spins(torsion, normal, moment, spin):
-    """Return whether a contact spins, given its moment [N m s] and spin [rad/s] about the normal."""
-    return abs(moment) >= _AT_LIMIT * spin_limit(torsion, normal) and abs(spin) * torsion[REACH] > _NO_SLIP

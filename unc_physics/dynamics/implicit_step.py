@@ -72,21 +72,7 @@ from .impact_time import (
     time_to_impact,
 )
 from .implicit_solver import find_leads, solve_impact, solve_lasting
-from .implicit_stages import (
-    after_flight,
-    after_groups,
-    after_impact,
-    after_travel,
-    before_contact,
-    before_flight,
-    before_group,
-    before_groups,
-    before_return,
-    before_step,
-    before_travel,
-    on_sleep,
-    undo_step,
-)
+from .implicit_stages import after_impact, after_travel, before_step, on_sleep, undo_step
 from .implicit_world import Rollout
 from .kinematic_bodies import (
     begin_kinematic,
@@ -393,7 +379,6 @@ def advance_group(x, count, time, rollout, world, method, work):
     kinematic = len(world.environment.actions.kinematic) > 0
     if kinematic:  # another group may have moved them
         place_kinematic(x, count, time - left, world, work)
-    before_group(method, count, world, work)
     for a in range(count):
         work.settled[work.members[a]] = False
     # ``looked``: contacts of this pose were selected by their gaps alone, and none was an impact. ``near``:
@@ -452,7 +437,6 @@ def advance_group(x, count, time, rollout, world, method, work):
             looked, near = True, left
             horizon = left
             continue
-        before_travel(method, x, count, until, left, threshold, world, work)
         end = time - left + until
         travel_to_contacts(x, count, until, end, touching, world, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
@@ -464,7 +448,6 @@ def advance_group(x, count, time, rollout, world, method, work):
                 careful = True
                 continue
             if first == 0.0 and not looked:  # contact from the beginning
-                before_return(method, x, count, 0.0, until, left, False, threshold, world, work)
                 _travel_back(x, count, time - left, world, work)
                 horizon = 0.0
                 cuts += 1
@@ -472,7 +455,6 @@ def advance_group(x, count, time, rollout, world, method, work):
             while first < until:  # the path to the impact was not straight
                 again = first == 0.0  # no contact touched at the beginning: the time is unknown
                 first = 0.5 * until if again else first
-                before_return(method, x, count, first, until, left, not again, threshold, world, work)
                 _travel_back(x, count, time - left, world, work)
                 until = first
                 end = time - left + until
@@ -486,8 +468,6 @@ def advance_group(x, count, time, rollout, world, method, work):
                     break
             if work.counts[OVERFLOW] != NO_OVERFLOW:
                 break
-        if touching:
-            before_contact(method, x, count, world, work)
         push_apart(x, count, until, time, rollout, world, method, work)
         if until >= left:
             _remember(left, work)
@@ -557,7 +537,6 @@ def advance_step(x, time, rollout, world, method, work):
     acted = len(actions.kinematic) + len(actions.wrench_body) + len(actions.surface) > 0
     if acted:
         begin_kinematic(x, time - dt, rest_steps, world, work)
-        before_groups(method, x, time - dt, world, work)
     for i in range(len(x)):
         if moving[i]:
             if world.decay == 0.0:  # damping removes all velocity in each step
@@ -593,9 +572,7 @@ def advance_step(x, time, rollout, world, method, work):
             if alone and work.neighbor_count[i] == 0:
                 numbers[i, TRAVEL] += dt * numbers[i, PACE]
                 rest_steps[i] = 0
-                before_flight(method, x, i, world, work)
                 travel_freely(x, i, dt, time, world.decay, world, work.R)
-                after_flight(method, x, i, world, work)
                 continue
         advance_group(x, count, time, rollout, world, method, work)
         if work.counts[OVERFLOW] != NO_OVERFLOW:
@@ -610,7 +587,6 @@ def advance_step(x, time, rollout, world, method, work):
                 rest_steps[j] = rest_steps[j] + 1 if rests else 0
     if acted:
         end_kinematic(x, time, world, work)
-        after_groups(method, x, time, world, work)
 
 
 @kernel

@@ -13,7 +13,6 @@ touches.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -37,7 +36,7 @@ from ..collision.implicit_workspace import CONTACTS, FREE, START
 from ..compiler import inner
 from ..compiler.simd import LANES, lowest_bit
 from ..spatial.rotation import cross, exp, rotate, rotate_back
-from ..spatial.vectors import dot, minus, plus, put, three, times, triple, vector
+from ..spatial.vectors import dot, minus, plus, three, times, triple
 from .implicit_solver import next_patch, rolling_depth
 
 #: Smallest rotation in a step that matters [rad]. Then the largest distance between the places of the
@@ -56,7 +55,6 @@ _SLOPE = 0.05
 _BESIDE = 0.1
 #: Least normal velocity per impulse at a moved contact, relative to that of a body without rotation.
 _LEAST_COMPLIANCE = 0.7
-_REACH = 1e-7  # step of finite differences of the places [rad]
 
 
 @inner(forceinline=True)
@@ -200,80 +198,6 @@ def rolling_places(n, turn, sphere, i, R, world):
     least, end, support = _support(n, (0.0, 0.0, 0.0), along, axis, sphere, i, R, world)
     _, start, _ = _support(n, times(-1.0, turn), along, axis, sphere, i, R, world)
     return least, ((start - end) / size, 0.5 * (start - end), support)
-
-
-@inner(noinline=True)
-def write_place_slopes(n, first, second, turn, sphere, i, R, world, out):
-    """Write the derivative of `rolling_places` into ``out`` (3, 5).
-
-    Its columns are tilts of the normal towards ``first`` and ``second``, and the components of ``turn``.
-    """
-    for k in range(5):
-        ahead = behind = (0.0, 0.0, 0.0)
-        for sign in (1.0, -1.0):
-            e, t = n, turn
-            if k < 2:
-                e = plus(n, times(sign * _REACH, first if k == 0 else second))
-                e = times(1.0 / math.sqrt(dot(e, e)), e)
-            else:
-                t = plus(turn, times(sign * _REACH, (1.0 * (k == 2), 1.0 * (k == 3), 1.0 * (k == 4))))
-            _, places = rolling_places(e, t, sphere, i, R, world)
-            if sign > 0.0:
-                ahead = places
-            else:
-                behind = places
-        put(out, 0, k, times(0.5 / _REACH, minus(ahead, behind)))
-
-
-class RollingChange(NamedTuple):
-    """Change of a contact of a rolling body: of its places, its rolling direction and its lead's normal."""
-
-    places: tuple
-    along: tuple
-    n: tuple
-
-
-@inner(forceinline=True)
-def no_rolling():
-    """Return the `RollingChange` of a contact that does not roll."""
-    zero = (0.0, 0.0, 0.0)
-    return RollingChange(zero, zero, zero)
-
-
-@inner
-def rolling_change(places, lead, turn, tilt, dn, dturn):
-    """Return the `RollingChange` for a rotation of the body by ``tilt`` and changes of normal and turn.
-
-    ``lead`` is the lead's `Geometry`; its normal changes by ``dn``, the turn by ``dturn``. ``places`` (3, 6)
-    are the places and their derivative (`write_place_slopes`). A common rotation does not change them.
-    """
-    own = minus(dn, cross(tilt, lead.n))
-    moved = plus(
-        times(dot(lead.first, own), vector(places, 0, 1)), times(dot(lead.second, own), vector(places, 0, 2))
-    )
-    own = minus(dturn, cross(tilt, turn))
-    for k in range(3):
-        moved = plus(moved, times(own[k], vector(places, 0, 3 + k)))
-    along = cross(turn, lead.n)
-    size = math.sqrt(dot(along, along))
-    along = times(1.0 / size, along)
-    change = times(1.0 / size, plus(cross(dturn, lead.n), cross(turn, dn)))
-    return RollingChange(moved, minus(change, times(dot(along, change), along)), dn)
-
-
-@inner
-def spun_arm_change(arm, n, turn, darm, dn, dturn):
-    """Return the change of `spun_arm` for given changes of its inputs."""
-    spin = plus(times(dot(dturn, n) + dot(turn, dn), n), times(dot(turn, n), dn))
-    return plus(darm, plus(cross(times(-0.5, spin), arm), cross(_half_spin(n, turn), darm)))
-
-
-@inner
-def placed_arm_change(arm, places, n, along, darm, change):
-    """Return the change of `placed_arm` for a change ``darm`` of its arm and a `RollingChange`."""
-    moved = change.places[0] - dot(darm, along) - dot(arm, change.along)
-    out = plus(darm, plus(times(moved, along), times(places[0] - dot(arm, along), change.along)))
-    return plus(out, plus(times(change.places[1], n), times(places[1], change.n)))
 
 
 @inner(error_model="numpy")

@@ -38,7 +38,6 @@ _ADDED, _CONCLUSIVE = 24, 36
 _ENOUGH = 1000  # rollouts with which no search for rare outcomes is necessary
 _SYMMETRIC = 1.05  # asymmetry of sigma points up to which their spread is not compared
 _INCONCLUSIVE = 1.4, 2.7  # factors between which a dozen rollouts cannot decide whether spreads differ by two
-_INCONCLUSIVE_IN_DOUBT = 1.1  # the lower factor if contacts were doubtful
 _SEED = 0  # of the rollouts; added rollouts have the next one. A fixed seed makes statuses reproducible
 
 
@@ -173,11 +172,9 @@ def is_inconclusive(evidence: Evidence) -> bool:
     factors, scene, compared = evidence.spread_factors, evidence.scene, evidence.compared
     if factors is None:
         return False
-    low, since = _INCONCLUSIVE[0], evidence.uncertain_since
-    if since is not None:
-        low = np.where(np.isfinite(since), _INCONCLUSIVE_IN_DOUBT, low)
+    low, high = _INCONCLUSIVE
     factor = factors.max(axis=1)
-    if ((low < factor) & (factor < _INCONCLUSIVE[1])).any():
+    if ((low < factor) & (factor < high)).any():
         return True
     return compared is not None and any(
         may_split(compared[:, k], scene.bodies[k].model.bounding_radius)

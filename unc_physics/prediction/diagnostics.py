@@ -368,20 +368,16 @@ def spread_disagreement(evidence):
 
 @_measure(
     Status.OUTSIDE_VALIDITY,
-    1.75,
-    "contacts may differ within a standard deviation, and its predicted spread differs from that of"
-    f" rollouts: {{detail}}; take {_ESTIMATED}",
-    detail=_spreads_apart,
+    0.2,
+    f"its outcome changes at the mean: {{detail}} has other slopes on either side; take {_ESTIMATED}",
+    detail=lambda evidence, body: _QUANTITIES[int(np.argmax(evidence.slope_changes[body]))],
 )
-def doubtful_contacts(evidence):
-    """Factor between the predicted spread and that of a few rollouts, of position or rotation, whichever is
-    larger. For bodies whose contacts, or their order in an impact, may differ within one standard deviation;
-    1 for others. Its limit is lower than that of ``spread_disagreement``.
+def slope_change(evidence):
+    """Difference of the slopes of position or rotation on either side of the mean, over the slopes' mean,
+    whichever is larger. Slopes along all uncertain directions are compared together, by standard deviation.
+    For ``linearization`` on the implicit integrator.
     """
-    factors = evidence.spread_factors
-    if factors is None or evidence.uncertain_since is None:
-        return None
-    return np.where(np.isfinite(evidence.uncertain_since), factors.max(axis=1), 1.0)
+    return None if evidence.slope_changes is None else evidence.slope_changes.max(axis=1)
 
 
 @_measure(

@@ -11,9 +11,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..dynamics.contact_history import ContactHistory
-from ..propagators.base import ContactModes, PointPairs, Propagator, Samples, rollout_count
+from ..propagators.base import PointPairs, Propagator, Samples, TwoSidedSlopes, rollout_count
 from ..propagators.overlap_depths import overlaps
-from ..propagators.point_errors import opposite_points
+from ..propagators.point_pairs import opposite_points
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
@@ -108,11 +108,23 @@ class Evidence:
         )
 
     @cached_property
-    def uncertain_since(self) -> np.ndarray | None:
-        """As `ContactModes.contact_mode_uncertain_since`."""
-        if isinstance(self.propagator, ContactModes):
-            return self.propagator.contact_mode_uncertain_since(self.snapshot.carry)
-        return None
+    def slope_changes(self) -> np.ndarray | None:
+        """(B, 2): difference of the slopes of position and rotation on both sides over their mean; None
+        without such slopes.
+        """
+        scene, slopes = self.scene, None
+        if isinstance(self.propagator, TwoSidedSlopes):
+            slopes = self.propagator.slopes(self.snapshot.carry, scene)
+        if slopes is None:
+            return None
+        result = np.zeros((len(scene.bodies), 2))
+        for k, body in enumerate(scene.moving):
+            floors = spread_floors(self.start, body)
+            for c, (block, floor) in enumerate(zip((ERR_POSITION, ERR_ROTATION), floors, strict=True)):
+                forth, back = (side[:, k, block] for side in slopes)
+                mean = np.hypot(np.linalg.norm(0.5 * (forth + back)), floor)
+                result[body, c] = np.linalg.norm(forth - back) / mean
+        return result
 
     @cached_property
     def predicted_spreads(self) -> np.ndarray:

@@ -11,7 +11,7 @@ from ..checks.errors import InvalidHorizonError, LimitExceededError, NotSupporte
 from ..checks.memory import require_memory
 from ..checks.validation import positive
 from ..collision.implicit_workspace import REMEMBERED_CONTACTS
-from ..propagators.base import PointPairs, Propagator, Samples
+from ..propagators.base import Propagator, Samples
 from ..propagators.registry import names_where
 from ..scene.belief import Belief
 from ..scene.environment import element_names, thing_names
@@ -77,7 +77,9 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
                 field=f"torsional_friction of '{thing_names(scene)[k]}'",
                 value=surface.torsional_friction,
             )
-    supported = (*propagator.supports.parameters, *Materials._fields)
+    supports, supported = propagator.supports, Materials._fields
+    if scene.integrator in supports.parameters_on:
+        supported += supports.parameters
     unsupported = [parameter for parameter in scene.uncertain if parameter.name not in supported]
     if unsupported:
         first = unsupported[0]
@@ -149,7 +151,8 @@ def _checked_mark(scene, value, field):
 def check_memory(scene: Scene, belief: Belief, propagator: Propagator, times: int) -> None:
     """Raise `LimitExceededError` if a prediction of so many ``times`` exceeds the memory."""
     bodies, things = len(scene.bodies), len(scene.bodies) + len(scene.environment)
-    rollouts = _most_rollouts(scene, belief, propagator)
+    own = isinstance(propagator, Samples)
+    rollouts = propagator.own_sample_count if own else propagator.most_rollouts(scene, belief)
     state = _NUMBER * STATE * bodies
     remembered = _SHORT * bodies * things
     kept = remembered + state
@@ -164,14 +167,7 @@ def check_memory(scene: Scene, belief: Belief, propagator: Propagator, times: in
     what = f"{bodies} {'body' if bodies == 1 else 'bodies'} in {rollouts} rollouts, at {times} times,"
     if of_times > needed:
         require_memory(needed + of_times, what, "the number of times", times)
-    elif not isinstance(propagator, Samples):
+    elif not own:
         require_memory(needed + of_times, what, "the number of bodies", bodies)
     else:
         require_memory(needed + of_times, what, "samples", rollouts)
-
-
-def _most_rollouts(scene, belief, propagator):
-    """Return the most states that the propagator holds at a time."""
-    if isinstance(propagator, PointPairs):
-        return propagator.point_count(scene, belief)
-    return propagator.own_sample_count if isinstance(propagator, Samples) else 1

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError, NotSupportedError
 from ..propagators.modes import Mode, only_mode, split
-from ..propagators.point_errors import opposite_points
+from ..propagators.point_pairs import opposite_points
 from ..scene.belief import Belief
 from ..scene.origins import gaussian_at_origins, points_at_origins, states_at_origins
 from ..scene.scene import Scene

@@ -17,6 +17,7 @@ import numpy as np
 from ..dynamics import contact_history as histories
 from ..scene.belief import Belief
 from ..scene.marks import Mark
+from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import Scene
 from .options import Option
 
@@ -41,6 +42,7 @@ class Supports:
     parameters: tuple[str, ...] = ()  # names of the uncertain parameters (`scene.UNCERTAIN_PARAMETERS`)
     #: integrators on which bodies may be prescribed, held or pushed, and surfaces may move (``Scene.acts``)
     actions: tuple[str, ...] = ()
+    parameters_on: tuple[str, ...] = INTEGRATORS  # integrators on which these parameters may be uncertain
     impact_errors: bool = False  # whether each impact may have a random error (``Scene.draws_impacts``)
     #: whether states in which bodies overlap can be left out (``Scene.overlap`` ``'reject'``)
     overlap_rejection: bool = False
@@ -108,6 +110,10 @@ class Propagator(ABC):
     @abstractmethod
     def belief(self, carry: Any, scene: Scene) -> Belief:
         """Return the belief that the carry represents."""
+
+    def most_rollouts(self, scene: Scene, belief: Belief) -> int:
+        """Return an upper bound of the number of rollouts that a carry holds; `Samples` have their own."""
+        return 1
 
     @classmethod
     def described_options(cls) -> tuple[Option, ...]:
@@ -239,10 +245,6 @@ class PointPairs(ABC):
     """Capability: the state is a middle point and pairs of points on opposite sides of it."""
 
     @abstractmethod
-    def point_count(self, scene: Scene, belief: Belief) -> int:
-        """Return the number of points, or an upper bound of it."""
-
-    @abstractmethod
     def directions(self, initial: Belief) -> np.ndarray:
         """Return the number of directions (M,) in which each moving body's points are spread."""
 
@@ -251,15 +253,14 @@ class PointPairs(ABC):
         """Return the states (2 n + 1, B, 13) of the middle point, of n points, and of the opposite points."""
 
 
-class ContactModes(ABC):
-    """Capability: contacts whose mode depends on the state within its uncertainty are recorded."""
+class TwoSidedSlopes(ABC):
+    """Capability: the covariance is that of slopes, which are known on both sides of the mean."""
 
     @abstractmethod
-    def contact_mode_uncertain_since(self, carry: Any) -> np.ndarray | None:
-        """Return the time (B,) at which contacts of each body first would have opened, closed or slid
-        otherwise within a standard deviation [s].
+    def slopes(self, carry: Any, scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the slopes of the outcome along n directions, on either side of the mean.
 
-        It is infinite where they never would, and None where it was not recorded.
+        Both are errors (n, M, 12) by standard deviation of the belief. None where they are not known.
         """
 
 

@@ -1,4 +1,8 @@
-"""Linearization of the whole step about the nominal rollout (the paper's section 4.1)."""
+"""Linearization about the nominal rollout: of each explicit step (the paper's section 4.1), or of rollouts.
+
+The explicit step has a derivative in closed form. On the implicit step, whose contacts are solved, slopes are
+central differences of whole rollouts along the uncertain directions.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +14,9 @@ import numpy as np
 from ..collision.narrow_phase import NORMAL, POINT, VOLUME
 from ..compiler import kernel
 from ..compiler.arrays import empty, integers
-from ..derivatives.rolling import TILTS
-from ..derivatives.transition import apply_drift_jacobian, write_exact_rotation
 from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
+from ..dynamics.drift_derivative import apply_drift_jacobian, write_exact_rotation
 from ..dynamics.explicit_step import (
     after_element,
     after_pair,
@@ -23,75 +26,122 @@ from ..dynamics.explicit_step import (
     on_contacts,
     on_element_contacts,
 )
-from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..dynamics.workspace import workspace
 from ..scene.belief import Belief
-from ..scene.kinematic_states import UNCERTAIN
 from ..scene.physics_keys import INTEGRATORS
-from ..spatial.layout import ERROR
+from ..scene.scene import UNCERTAIN_PARAMETERS
+from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
 from ..spatial.rotation import cross, rotate
-from .action_directions import directions, start_root
-from .base import ContactModes, Propagator, Supports, Traits
+from .base import Propagator, Supports, Traits, TwoSidedSlopes
 from .contact_derivative import contact_root, kick_column, moved_by_column
-from .implicit_linearization import advance_root
+from .point_pairs import most_points, opposite_points, point_states, spread_points
+from .rollouts import SimulatedRollouts, advance_rollouts, recorded_rollouts
 from .start import resolve_initial_overlap
+
+#: Distance of the points of central differences from the mean, in standard deviations. Slopes of a smooth
+#: outcome are then exact but for 1/600 of its third derivative by standard deviations. Wide beliefs have
+#: limits, which keep the contacts of the mean: in position [m], below the sizes of edges and bumps, and 40
+#: times the depth at which contacts rest; in rotation [rad], by which the ends of a body of 20 cm move as
+#: far; in velocities [m/s] [rad/s], by which a body moves as far in 0.1 s.
+REACH = 0.1
+LIMITS = ((ERR_POSITION, 1e-3), (ERR_ROTATION, 1e-2), (ERR_VELOCITY, 1e-2), (ERR_ANGULAR_VELOCITY, 1e-1))
 
 
 class LinearizationCarry(NamedTuple):
-    """Persistent state."""
+    """Persistent state on the explicit step."""
 
     mean: np.ndarray  # (B, 13): the nominal rollout
     #: (12 M, r): ``root @ root.T`` is the joint covariance; r is the rank of the initial one, which no
-    #: step raises, and the number of uncertain parameters of actions, whose columns come last
+    #: step raises
     root: np.ndarray
     contact_history: ContactHistory  # what the rollout remembers of its contacts
-    #: (B,): first time at which contacts of each body would have done something else within a standard
-    #: deviation [s]; infinite if never, and with the explicit integrator
-    contact_mode_uncertain_since: np.ndarray
     step: int  # counts the steps done
 
 
+class DifferenceCarry(NamedTuple):
+    """Persistent state on the implicit step: rollouts as in `point_pairs.PointCarry`.
+
+    ``reach`` (n,) is the distance of the points from the mean along each direction, in standard deviations.
+    """
+
+    states: np.ndarray
+    contact_history: ContactHistory
+    step: int
+    parameters: np.ndarray
+    reach: np.ndarray
+
+
 @dataclass(frozen=True)
-class Linearization(Propagator, ContactModes):
-    """Joint covariance through the derivative of each step (Eqs. 7 to 10).
+class Linearization(SimulatedRollouts, TwoSidedSlopes):
+    """Joint covariance through derivatives of the nominal rollout (Eqs. 7 to 10).
 
     Notes
     -----
-    The mean is a rollout with the full physics. ``F_t`` is the derivative of a step in which only the
-    dominant pair of spheres of each pair of bodies acts, with constant volume and Eq. 10's normal. ``F_t P
-    F_t^T`` is never formed: a root of P with as many columns as P has rank goes through ``F_t``, which keeps
-    P symmetric and positive semidefinite, and costs less. A contact with the environment keeps its normal.
+    The mean is a rollout with the full physics. On the explicit step, ``F_t`` is the derivative of a step in
+    which only the dominant pair of spheres of each pair of bodies acts, with constant volume and Eq. 10's
+    normal. ``F_t P F_t^T`` is never formed: a root of P with as many columns as P has rank goes through
+    ``F_t``, which keeps P symmetric and positive semidefinite, and costs less. A contact with the environment
+    keeps its normal.
+
+    On the implicit step, the root's columns are central differences of 2 n + 1 rollouts along n uncertain
+    directions, those of the scene's parameters included.
     """
 
     name = "linearization"
     traits = Traits("nominal", "full covariance", True, False, "linearized")
     integrators = INTEGRATORS
-    supports = Supports(UNCERTAIN, actions=("implicit",))
+    supports = Supports(UNCERTAIN_PARAMETERS, ("implicit",), parameters_on=("implicit",))
 
     def init(self, scene, belief):
+        root = belief.root()
+        if scene.integrator == "implicit":
+            reach = _reach(scene, root)
+            return DifferenceCarry(*spread_points(scene, belief, root, reach), reach)
         mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
-        judged = len(scene.bodies) if scene.integrator == "implicit" else 0
-        root = start_root(scene, belief, mean[0])
-        return LinearizationCarry(mean[0], root, history, np.full(judged, np.inf), 0)
+        return LinearizationCarry(mean[0], root, history, 0)
 
     def advance(self, carry, scene, steps):
+        if scene.integrator == "implicit":
+            return advance_rollouts(carry, scene, steps)
         mean, root, history = carry.mean.copy(), carry.root.copy(), histories.copy(carry.contact_history)
-        world = scene.world
-        first, begun = history.first_time[0], carry.step
-        uncertain = carry.contact_mode_uncertain_since.copy()
-        if world.implicit is not None:
-            some = directions(scene, root.shape[1])
-            source = root, uncertain, some, TILTS
-            advance_root(mean, first, history.solver, 0, world, source, begun, steps, FIRST_ROOM)
-            return LinearizationCarry(mean, root, history, uncertain, begun + steps)
-        _advance(mean, root, first, world, world.environment, begun, steps)
-        return LinearizationCarry(mean, root, history, uncertain, begun + steps)
+        world, begun = scene.world, carry.step
+        _advance(mean, root, history.first_time[0], world, world.environment, begun, steps)
+        return LinearizationCarry(mean, root, history, begun + steps)
+
+    def advance_through(self, carry, scene, marks):
+        if scene.integrator == "implicit":
+            return recorded_rollouts(carry, scene, marks)
+        return Propagator.advance_through(self, carry, scene, marks)
 
     def belief(self, carry, scene):
-        return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
+        if scene.integrator == "explicit":
+            return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
+        forth, back = self.slopes(carry, scene)
+        slopes = 0.5 * (forth + back).reshape(len(forth), ERROR * len(scene.moving))
+        return Belief.trusted(point_states(carry, scene)[0], _outer(slopes.T.copy()), scene.moving)
 
-    def contact_mode_uncertain_since(self, carry):
-        return carry.contact_mode_uncertain_since if len(carry.contact_mode_uncertain_since) else None
+    def slopes(self, carry, scene):
+        if scene.integrator == "explicit":
+            return None
+        forth, back = opposite_points(point_states(carry, scene), scene.moving)
+        reach = carry.reach[:, None, None]
+        return forth / reach, -back / reach
+
+    def most_rollouts(self, scene, belief):
+        return most_points(scene, belief) if scene.integrator == "implicit" else 1
+
+
+def _reach(scene, root):
+    """Return the reach (n,) of central differences along the columns of a root, then of parameters."""
+    errors = root.reshape(len(scene.moving), ERROR, root.shape[1])
+    reach = np.full(root.shape[1] + len(scene.uncertain), REACH)
+    for block, limit in LIMITS:
+        most = np.linalg.norm(errors[:, block], axis=1).max(axis=0, initial=0.0)
+        reach[: len(most)] = np.minimum(reach[: len(most)], limit / np.maximum(most, limit))
+    for k, parameter in enumerate(scene.uncertain, root.shape[1]):
+        if parameter.name == "trajectory":
+            reach[k] = min(REACH, LIMITS[parameter.axis // 3][1] / parameter.std)
+    return reach
 
 
 class DominantContacts(NamedTuple):

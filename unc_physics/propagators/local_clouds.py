@@ -9,7 +9,7 @@ from ..collision.narrow_phase import NORMAL, VOLUME
 from ..collision.shapes import surface
 from ..compiler import inner, kernel
 from ..compiler.arrays import booleans, empty, zeros
-from ..derivatives.transition import apply_drift_jacobian, write_printed_rotation
+from ..dynamics.drift_derivative import apply_drift_jacobian, write_printed_rotation
 from ..dynamics.explicit_step import (
     after_element,
     after_pair,

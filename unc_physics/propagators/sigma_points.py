@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from ..dynamics.contact_history import ContactHistory
 from ..scene.belief import Belief
-from ..scene.kinematic_states import start_states
-from ..scene.parameters import center_offsets, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERROR
-from ..spatial.moments import mean_and_errors, second_moment, spread_states, symmetric_root
+from ..spatial.moments import mean_and_errors, second_moment, symmetric_root
 from .base import PointPairs, Supports, Traits
 from .options import option
+from .point_pairs import most_points, point_states, spread_points
 from .rollouts import SimulatedRollouts
-from .start import resolve_initial_overlap
-
-
-class SigmaPointCarry(NamedTuple):
-    """Persistent state: ``states`` (2 n + 1, B, 13) of the centres of mass; point 0 began at the mean.
-
-    ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step``
-    counts the steps done; ``contact_history`` is what the rollouts remember of their contacts.
-    """
-
-    states: np.ndarray
-    contact_history: ContactHistory
-    step: int
-    parameters: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -61,31 +44,20 @@ class SigmaPoints(SimulatedRollouts, PointPairs):
 
     def init(self, scene, belief):
         root = belief.root() if self.points == "minimal" else symmetric_root(belief.joint)
-        rank, extra = root.shape[1], len(scene.uncertain)
-        count = rank + extra
-        far = np.sqrt(count + 0.5)
-        errors, z = np.zeros((2 * count + 1, len(root))), np.zeros((2 * count + 1, extra))
-        for first, side in ((1, far), (1 + count, -far)):
-            errors[first : first + rank] = side * root.T
-            z[first + rank : first + count] = side * np.eye(extra)
-        states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
-        states, history = resolve_initial_overlap(scene, belief, states)
-        states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
-        return SigmaPointCarry(states, history, 0, z)
+        count = root.shape[1] + len(scene.uncertain)
+        return spread_points(scene, belief, root, np.full(count, np.sqrt(count + 0.5)))
 
     def belief(self, carry, scene):
-        states = moved_along(carry.states, -center_offsets(scene, carry.parameters))
-        mean, errors = mean_and_errors(states, scene.moving.copy())
+        mean, errors = mean_and_errors(point_states(carry, scene), scene.moving.copy())
         return Belief.trusted(mean, second_moment(errors), scene.moving)
 
-    def point_count(self, scene, belief):
-        rank = ERROR * len(belief.moving)
-        if self.points == "minimal":  # a direction without variance is none
-            rank = np.count_nonzero(np.einsum("mii->mi", belief.blocks))
-        return 2 * (rank + len(scene.uncertain)) + 1
+    def most_rollouts(self, scene, belief):
+        if self.points == "minimal":
+            return most_points(scene, belief)
+        return 2 * (ERROR * len(belief.moving) + len(scene.uncertain)) + 1
 
     def point_states(self, carry, scene):
-        return moved_along(carry.states, -center_offsets(scene, carry.parameters))
+        return point_states(carry, scene)
 
     def directions(self, initial):
         if self.points == "full":

@@ -8,7 +8,7 @@ import numpy as np
 from ..collision.narrow_phase import DISTANCE, NORMAL, VOLUME
 from ..compiler import inner, kernel
 from ..compiler.arrays import booleans, empty, zeros
-from ..derivatives.transition import apply_drift_jacobian, write_printed_rotation
+from ..dynamics.drift_derivative import apply_drift_jacobian, write_printed_rotation
 from ..dynamics.explicit_step import after_pair, before_drift, integrate, on_contacts
 from ..dynamics.workspace import workspace
 from ..spatial.layout import EP, ER, ERROR, EV, EW

@@ -36,21 +36,9 @@ def triple(row, at):
 
 
 @inner(forceinline=True)
-def vector(array, row, column):
-    """Return three rows of a column, from ``row`` on."""
-    return array[row, column], array[row + 1, column], array[row + 2, column]
-
-
-@inner(forceinline=True)
 def three(array, row, column):
     """Return three columns of a row, from ``column`` on."""
     return array[row, column], array[row, column + 1], array[row, column + 2]
-
-
-@inner(forceinline=True)
-def put(array, row, column, a):
-    """Write a vector into three rows of a column, from ``row`` on."""
-    array[row, column], array[row + 1, column], array[row + 2, column] = a[0], a[1], a[2]
 
 
 @inner(forceinline=True)

@@ -9,7 +9,7 @@ from ..spatial.layout import EP, ER, ERROR, EV, EW
 
 
 def _transition_of(columns):
-    """Return an intrinsic of `transition.apply_transition` for a number of columns, from ``column`` on."""
+    """Return an intrinsic of `drift_derivative.apply_transition` for so many columns, from ``column`` on."""
     doubles = ir.VectorType(ir.DoubleType(), columns)
 
     def columns_of(typingctx, rows, first, column, dt, decay, rotation):

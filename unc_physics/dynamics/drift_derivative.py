@@ -10,7 +10,7 @@ import math
 from ..compiler import inner
 from ..spatial.layout import EP, ER, EV, EW, W
 from ..spatial.rotation import cross, rotate, rotate_back
-from .transition_simd import four_columns, two_columns
+from .drift_derivative_simd import four_columns, two_columns
 
 
 @inner(forceinline=True)

@@ -1,1 +1,0 @@
-"""Derivatives of flight, contacts, impacts and actions with respect to the error state."""
