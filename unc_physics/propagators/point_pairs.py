@@ -47,7 +47,7 @@ def spread_points(scene: Scene, belief: Belief, root: np.ndarray, reach: np.ndar
     errors, z = np.zeros((2 * count + 1, len(root))), np.zeros((2 * count + 1, count - rank))
     for first, side in ((1, reach), (1 + count, -reach)):
         errors[first : first + rank] = side[:rank, None] * root.T
-        z[first + rank : first + count] = np.diag(side[rank:])
+        z[first + rank : first + count] = side[rank:, None] * np.eye(count - rank)
     states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
     states, history = resolve_initial_overlap(scene, belief, states)
     states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
