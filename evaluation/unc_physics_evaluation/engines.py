@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import tempfile
 import warnings
+from collections.abc import Sequence
 from functools import singledispatch
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from unc_physics.checks.errors import NotSupportedError
-from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
+from unc_physics.scene.environment import Box, Capsule, Cylinder, Element, Plane, Sphere
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 GEOMETRIES = ("spheres", "pieces", "box")
@@ -254,31 +255,40 @@ def _urdf(body, geometry, folder):
         shapes = [('xyz="0 0 0"', '<box size="{!r} {!r} {!r}"/>'.format(*(2.0 * body.box()).tolist()))]
     elif geometry == "primitive":
         kind, (x, y, z), middle, turned = body.primitive()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # at gimbal lock any of the equivalent angles will do
-            angles = turned.as_euler("xyz").tolist()
-        place = 'xyz="{!r} {!r} {!r}" rpy="{!r} {!r} {!r}"'.format(*middle.tolist(), *angles)
         shape = (
             f'<box size="{x!r} {y!r} {z!r}"/>'
             if kind == "box"
             else f'<cylinder radius="{x / 2!r}" length="{z!r}"/>'
         )
-        shapes = [(place, shape)]
+        shapes = [(urdf_place(middle, turned), shape)]
     else:
         shapes = []
         for k, vertices in enumerate(body.pieces()):
             path = folder / f"{body.name}_{k}.obj"
             path.write_text(_obj(vertices))
             shapes.append(('xyz="0 0 0"', f'<mesh filename="{path}"/>'))
+    return urdf(body.name, body.mass, body.inertia, shapes)
+
+
+def urdf(name: str, mass: float, inertia: np.ndarray, shapes: Sequence[tuple[str, str]]) -> str:
+    """Return the URDF text of a body with principal moments (3,), and shapes by place and geometry."""
     collisions = "\n".join(  # on lines of their own: PyBullet cuts long lines
         f"<collision><origin {place}/><geometry>{shape}</geometry></collision>" for place, shape in shapes
     )
-    a, b, c = body.inertia.tolist()
-    inertia = f'<inertia ixx="{a!r}" iyy="{b!r}" izz="{c!r}" ixy="0" ixz="0" iyz="0"/>'
+    a, b, c = inertia.tolist()
+    moments = f'<inertia ixx="{a!r}" iyy="{b!r}" izz="{c!r}" ixy="0" ixz="0" iyz="0"/>'
     return (
-        f'<robot name="{body.name}"><link name="body"><inertial><mass'
-        f' value="{body.mass!r}"/>{inertia}</inertial>\n{collisions}\n</link></robot>\n'
+        f'<robot name="{name}"><link name="body"><inertial><mass value="{mass!r}"/>{moments}</inertial>\n'
+        f"{collisions}\n</link></robot>\n"
     )
+
+
+def urdf_place(place: np.ndarray, turned: Rotation) -> str:
+    """Return the URDF attributes of a shape's position (3,) and orientation in its body."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # at gimbal lock any of the equivalent angles will do
+        angles = turned.as_euler("xyz")
+    return f'xyz="{text_of(place)}" rpy="{text_of(angles)}"'
 
 
 def _obj(vertices):
@@ -394,8 +404,8 @@ def _mjcf(scene, bodies, geometry):
             size = f"{x / 2!r} {y / 2!r} {z / 2!r}" if kind == "box" else f"{x / 2!r} {z / 2!r}"
             geoms = [
                 (
-                    f'<geom type="{kind}" size="{size}" pos="{_mujoco_text(middle)}"'
-                    f' quat="{_mujoco_quaternion(turned)}"/>'
+                    f'<geom type="{kind}" size="{size}" pos="{text_of(middle)}"'
+                    f' quat="{mujoco_quaternion(turned)}"/>'
                 )
             ]
         else:
@@ -410,19 +420,22 @@ def _mjcf(scene, bodies, geometry):
         text.append(f'<body name="{body.name}"><joint type="free"/>{inertial}{"".join(geoms)}</body>')
     contact = 'solref="-1000 0"' if scene.friction is None else f'friction="{scene.friction!r} 0.005 0.0001"'
     cone = "" if scene.friction is None else 'cone="elliptic" '
-    text += [_mujoco_fixed(solid) for solid in scene.environment]
+    text += [mujoco_fixed(solid) for solid in scene.environment]
     return (
-        f'<mujoco><option {cone}timestep="{scene.dt!r}" gravity="{_mujoco_text(scene.gravity)}"/><size'
+        f'<mujoco><option {cone}timestep="{scene.dt!r}" gravity="{text_of(scene.gravity)}"/><size'
         ' memory="256M"/>'
         f'<default><geom condim="{_CONDIM[scene.friction is not None]}" mass="0" {contact}/></default>'
         f"<asset>{''.join(assets)}</asset><worldbody>{''.join(text)}</worldbody></mujoco>"
     )
 
 
-def _mujoco_fixed(solid):
+def mujoco_fixed(solid: Element, name: str = "") -> str:
     """Return the geom of an element of the environment."""
-    size, turned = _mujoco_text(_mujoco_size(solid)), _mujoco_quaternion(Rotation.from_matrix(solid.rotation))
-    return f'<geom type="{solid.shape}" size="{size}" pos="{_mujoco_text(solid.position)}" quat="{turned}"/>'
+    size, turned = text_of(_mujoco_size(solid)), mujoco_quaternion(Rotation.from_matrix(solid.rotation))
+    named = f'name="{name}" ' if name else ""
+    return (
+        f'<geom {named}type="{solid.shape}" size="{size}" pos="{text_of(solid.position)}" quat="{turned}"/>'
+    )
 
 
 @singledispatch
@@ -452,12 +465,14 @@ def _(solid):
     return solid.radius, 0.5 * solid.length
 
 
-def _mujoco_text(values):
+def text_of(values) -> str:
+    """Format numbers for the engines' files."""
     return " ".join(repr(value) for value in np.asarray(values, float).tolist())
 
 
-def _mujoco_quaternion(rotation):
-    return _mujoco_text(rotation.as_quat()[[3, 0, 1, 2]])
+def mujoco_quaternion(rotation: Rotation) -> str:
+    """Format a rotation for MuJoCo's files."""
+    return text_of(rotation.as_quat()[[3, 0, 1, 2]])
 
 
 PEERS = {"pybullet": PyBulletRollouts, "mujoco": MuJoCoRollouts}

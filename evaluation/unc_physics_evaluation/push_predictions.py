@@ -11,9 +11,8 @@ from unc_physics.prediction.predict import predict
 from unc_physics.propagators.registry import make_propagator
 from unc_physics.spatial.layout import POSITION, QUATERNION
 
-from .action_engines import FINE, OWN
 from .methods import MARGINAL, MONTE_CARLO, OURS, STILL
-from .push_engines import pushed_in
+from .push_engines import FINE, OWN, pushed_in
 from .recorded_pushes import (
     REPEATS_STD,
     Frictions,

@@ -5,9 +5,7 @@ import pytest
 
 from unc_physics import Plane, PosePath, RigidBody, Scene, load_model
 from unc_physics.scene.kinematic_states import with_kinematic
-from unc_physics_evaluation.action_engine_base import Shape
-from unc_physics_evaluation.action_engines import FINE, opened
-from unc_physics_evaluation.push_engines import pushed_in
+from unc_physics_evaluation.push_engines import FINE, Shape, pushed_in, run_in
 from unc_physics_evaluation.recorded_pushes import (
     measured_frictions,
     planar_before,
@@ -27,7 +25,7 @@ def engine(request):
 def test_what_follows_a_path_drags_what_it_carries(engine):
     """Friction feels the velocity of a tray that goes as it is told."""
     model, side = load_model("salt_box").prefix(300), 0.1
-    shapes = {name: [Shape("box", (0.1, 0.1, side), np.zeros(3))] for name in ("box", "tray")}
+    shapes = {name: [Shape((0.1, 0.1, side), np.zeros(3))] for name in ("box", "tray")}
     low = [0.0, 0.0, 0.5 * side + 0.05]
     path = PosePath(
         times=[0.0, 10.0], positions=[low, [1.0, 0.0, low[2]]], linear_velocities=[[0.1, 0.0, 0.0]] * 2
@@ -35,8 +33,7 @@ def test_what_follows_a_path_drags_what_it_carries(engine):
     bodies = [RigidBody("box", model, 1.0), RigidBody("tray", model, trajectory=path)]
     scene = Scene.everyday(bodies, exact=True, environment=[Plane()], friction=0.5)
     mean = with_kinematic(scene, resting([[0.0, 0.0, low[2] + side], low]), 0.0)
-    with opened(engine, scene, FINE[engine], shapes) as made:
-        box = made.run(mean, 0.5)[0][0]
+    box = run_in(engine, FINE[engine], scene, shapes, mean, 0.5)[0]
     assert box[3] == pytest.approx(0.1, abs=2e-3)
     assert box[0] == pytest.approx(0.05 - 0.1**2 / (2 * 0.5 * 9.81), abs=1e-3)
 
