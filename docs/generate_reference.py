@@ -287,7 +287,7 @@ def python_page(topic: str, title: str, summary: str, members: Iterable[str]) ->
             kind = "class" if member[4].isupper() else "function"
             lines += [f".. auto{kind}:: {name}", *(["   :members:"] if kind == "class" else []), ""]
         elif inspect.isclass(getattr(unc_physics, member)):
-            lines += [f".. autoclass:: {name}", "   :members:", ""]
+            lines += [f".. autoclass:: {name}", "   :members:", *_inherited(getattr(unc_physics, member)), ""]
         elif callable(getattr(unc_physics, member)):
             lines += [f".. autofunction:: {name}", ""]
         else:
@@ -298,6 +298,11 @@ def python_page(topic: str, title: str, summary: str, members: Iterable[str]) ->
 def _where(integrators):
     """Return the integrator of a support that is for one integrator only, in parentheses."""
     return f" ({integrators[0]})" if len(integrators) == 1 else ""
+
+
+def _inherited(cls):
+    """Return the option that lists members of the data class that a class extends."""
+    return ["   :inherited-members: object"] if cls.__name__ == "Prediction" else []
 
 
 def _propagator_table():

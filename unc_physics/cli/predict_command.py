@@ -176,14 +176,24 @@ def _print(arguments, prediction, statuses, found):
 def _draw(arguments, prediction, events):
     """Draw a picture, or an animation with the probabilities of events."""
     from ..plots.scene_animation import draw_animation
-    from ..plots.scene_picture import draw_prediction
+
+    def course(event):
+        return [prediction.probability(event, time=time).estimate for time in prediction.times]
 
     title = Path(arguments.scene).stem.replace("_", " ")
     with writing(Path(arguments.picture), "--picture"):
         if Path(arguments.picture).suffix == ".gif":
-            draw_animation(arguments.picture, prediction, title, events)
+            draw_animation(
+                arguments.picture,
+                prediction.scene,
+                prediction.times,
+                [prediction.start, *prediction.beliefs],
+                [snapshot.rollout_states for snapshot in prediction.snapshots],
+                {str(event): course(event) for event in events},
+                title,
+            )
         else:
-            draw_prediction(prediction, title).savefig(arguments.picture, dpi=110, bbox_inches="tight")
+            prediction.plot(title).savefig(arguments.picture, dpi=110, bbox_inches="tight")
 
 
 def _samples(prediction, count):

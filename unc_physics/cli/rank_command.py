@@ -70,8 +70,26 @@ def run(arguments) -> int:
         )
     print(json.dumps(ranking.to_dict(also), allow_nan=False) if arguments.json else ranking.table(also))
     if arguments.picture is not None:
-        from ..plots.ranking_picture import draw_ranking
-
-        with writing(Path(arguments.picture), "--picture"):
-            draw_ranking(arguments.picture, ranking, also, Path(arguments.actions).stem.replace("_", " "))
+        _draw(arguments, ranking, also)
     return 0
+
+
+def _draw(arguments, ranking, also):
+    """Draw the actions with their scores, and the probabilities of the events `also`."""
+    from ..plots.ranking_picture import DrawnAction, draw_ranking
+
+    actions = [
+        DrawnAction(
+            action.name,
+            action.score.estimate,
+            action.score.low,
+            action.score.high,
+            action.clearly_worse,
+            action.rollouts,
+            [action.prediction.probability(event).estimate for event in also],
+        )
+        for action in ranking
+    ]
+    title = Path(arguments.actions).stem.replace("_", " ")
+    with writing(Path(arguments.picture), "--picture"):
+        draw_ranking(arguments.picture, actions, str(ranking.score), [str(event) for event in also], title)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..checks.shown import drawn_text
+from ..scene.belief import Belief
+from ..scene.scene import Scene
 from ..spatial.layout import ERR_POSITION, POSITION
 from .palette import body_color
 from .scene_picture import SIDE, bounds, draw_body, draw_environment, ellipse
@@ -26,24 +27,45 @@ _LAST = 1200  # ms, duration of the last picture
 _FEWEST = 20  # least number of spheres drawn of a body, the largest ones
 
 
-def draw_animation(path: str | Path, prediction: Any, title: str = "", events: Sequence[Any] = ()) -> None:
+def draw_animation(
+    path: str | Path,
+    scene: Scene,
+    times: Sequence[float],
+    beliefs: Sequence[Belief],
+    rollouts: Sequence[np.ndarray | None],
+    probabilities: Mapping[str, Sequence[float]],
+    title: str = "",
+) -> None:
     """Draw a prediction as an animated GIF: a picture of the start and one of each time.
 
     One sample is drawn solid and others pale, since the mean of different outcomes is not a possible pose.
-    Without samples the mean is solid, and samples of the Gaussian are pale. Probabilities of ``events`` are
-    shown as bars, at most the first four that change over time.
+    Without samples the mean is solid, and samples of the Gaussian are pale.
+
+    Parameters
+    ----------
+    path : str or Path
+    scene : Scene
+    times : sequence of float
+        After the start [s].
+    beliefs : sequence of Belief
+        At the start, and at each time.
+    rollouts : sequence of (R, B, 13) array or None
+        States at each time.
+    probabilities : mapping
+        Of events at each time, by their texts. At most the first four that change are shown, as bars.
+    title : str
     """
     from PIL import Image
 
-    beliefs, times = [prediction.start, *prediction.beliefs], [0.0, *prediction.times]
-    corners = bounds(prediction.scene, beliefs)
-    states = _states(prediction)
-    courses = _courses(prediction, events)
+    times = [0.0, *times]
+    corners = bounds(scene, beliefs)
+    states = _states(beliefs, rollouts)
+    courses = _changing(probabilities)
     pictures = []
     for k, time in enumerate(times):
         bars = [(words, course[k - 1] if k else None) for words, course in courses.items()]
         head = f"{title}  t = {time:.2f} s".strip()
-        picture = _picture(prediction.scene, beliefs[k], states[k], corners, head, bars)
+        picture = _picture(scene, beliefs[k], states[k], corners, head, bars)
         pictures.append(
             Image.open(io.BytesIO(picture)).convert("P", palette=Image.Palette.ADAPTIVE, colors=96)
         )
@@ -53,30 +75,27 @@ def draw_animation(path: str | Path, prediction: Any, title: str = "", events: S
     )
 
 
-def _courses(prediction, events):
-    """Return the probabilities of changing events at all times, by the event's text."""
+def _changing(probabilities):
+    """Return the probabilities that change and differ from each other."""
     found = {}
-    for event in events:
-        course = [prediction.probability(event, time=time).estimate for time in prediction.times]
+    for event, course in probabilities.items():
         if max(course) - min(course) > _CHANGE and course not in found.values():
-            found[str(event)] = course
+            found[event] = course
     return dict(list(found.items())[:_MOST_BARS])
 
 
-def _states(prediction):
+def _states(beliefs, rollouts):
     """Return the solid states (B, 13) and the pale ones (N, B, 13) for time 0 and each time."""
-    snapshots = prediction.snapshots
-    first = prediction.start.sample(GHOSTS, np.random.default_rng(0))
-    found = [(prediction.start.mean, first)]
-    rollouts = [snapshot.rollout_states for snapshot in snapshots]
+    first, *later = beliefs
+    found = [(first.mean, first.sample(GHOSTS, np.random.default_rng(0)))]
     typical = None
     if all(states is not None for states in rollouts):
         # the rollout that ends nearest to the median
         ends = rollouts[-1][:, :, POSITION]
         typical = int(np.linalg.norm(ends - np.median(ends, axis=0), axis=-1).sum(axis=1).argmin())
-    for snapshot, states in zip(snapshots, rollouts, strict=True):
+    for belief, states in zip(later, rollouts, strict=True):
         if typical is None:
-            found.append((snapshot.belief.mean, snapshot.belief.sample(GHOSTS, np.random.default_rng(0))))
+            found.append((belief.mean, belief.sample(GHOSTS, np.random.default_rng(0))))
         else:
             found.append((states[typical], states[:GHOSTS]))
     return found

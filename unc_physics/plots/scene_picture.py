@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..checks.shown import drawn_text
 from ..propagators.modes import Mode
+from ..scene.belief import Belief
 from ..scene.environment import Plane
+from ..scene.scene import Scene
 from ..spatial.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
 from .palette import body_color
@@ -35,18 +38,37 @@ _FEW_SPHERES = 300  # spheres drawn of each such sample
 _SOLID = {"facecolor": "0.90", "edgecolor": "0.55", "linewidth": 0.8}
 
 
-def draw_prediction(prediction: Any, title: str = "") -> Figure:
+def draw_prediction(
+    scene: Scene,
+    beliefs: Sequence[Belief],
+    samples: np.ndarray | None,
+    modes: Sequence[Sequence[Mode]],
+    caption: str,
+    title: str = "",
+) -> Figure:
     """Draw a scene and its prediction, from the side and from above; no window is opened.
 
-    The belief at time 0 is drawn pale, the last belief solid, with an ellipse for each of a body's modes. A
-    body with several modes is drawn as samples, since its mean is not a possible pose. Paths connect the
-    positions of all times.
+    The first belief is drawn pale, the last solid, with an ellipse for each of a body's modes. A body with
+    several modes is drawn as samples, since its mean is not a possible pose. Paths connect the positions of
+    all times.
+
+    Parameters
+    ----------
+    scene : Scene
+    beliefs : sequence of Belief
+        At time 0 and at each time.
+    samples : (N, B, 13) array or None
+        At the last time.
+    modes : sequence
+        Of each body at the last time.
+    caption : str
+        How the prediction was made, the end of the subtitle.
+    title : str
     """
     from matplotlib.figure import Figure
 
-    scene, initial = prediction.scene, prediction.initial
-    beliefs = (initial, *prediction.beliefs)
-    shown = [_shown(prediction, k) for k in range(len(scene.bodies))]
+    last = beliefs[-1]
+    shown = [_shown(body, k, last, samples, modes[k]) for k, body in enumerate(scene.bodies)]
     low, high = bounds(scene, beliefs, shown)
     wide, deep, tall = high - low
     height = 1.3 + _LEGEND + min(9.0, 9.2 * (tall + deep) / wide)
@@ -56,11 +78,10 @@ def draw_prediction(prediction: Any, title: str = "") -> Figure:
     )
     for row, (view, label) in enumerate(((SIDE, "z [m]"), (_ABOVE, "y [m]"))):
         axes = figure.add_subplot(grid[row])
-        _draw_view(axes, prediction, beliefs, shown, view, low, high)
+        _draw_view(axes, scene, beliefs, shown, view, low, high)
         axes.set_ylabel(label)
     axes.set_xlabel("x [m]")
-    method = prediction.propagator.name.replace("_", " ")
-    subtitle = f"From the side and from above, predicted for {prediction.time:g} s ({method})"
+    subtitle = f"From the side and from above, {caption}"
     figure.suptitle(
         f"{drawn_text(title)}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top"
     )
@@ -101,21 +122,17 @@ def _draw_legend(figure, scene, top):
     )
 
 
-def _shown(prediction, k):
+def _shown(body, k, belief, samples, modes):
     """Return the final states that are drawn of body k, samples or its mean, and its modes.
 
     There are samples where outcomes split or rotations spread too far for a mean pose.
     """
-    scene, last = prediction.scene, prediction.at()
-    body = scene.bodies[k]
     if not body.free:
-        return last.belief.mean[k : k + 1], ()
-    outcomes = prediction[body.name].modes
-    turned = float(np.sqrt(np.trace(last.belief.marginal(k)[ERR_ROTATION, ERR_ROTATION])))
-    samples = last.samples if last.rollout_states is None else last.rollout_states
-    if samples is not None and (len(outcomes) > 1 or turned > _WIDE):
-        return samples[:_OUTCOMES, k], outcomes
-    return last.belief.mean[k : k + 1], outcomes
+        return belief.mean[k : k + 1], ()
+    turned = float(np.sqrt(np.trace(belief.marginal(k)[ERR_ROTATION, ERR_ROTATION])))
+    if samples is not None and (len(modes) > 1 or turned > _WIDE):
+        return samples[:_OUTCOMES, k], modes
+    return belief.mean[k : k + 1], modes
 
 
 def bounds(scene, beliefs, shown=()):
@@ -152,10 +169,9 @@ def bounds(scene, beliefs, shown=()):
     return low - margin, high + margin
 
 
-def _draw_view(axes, prediction, beliefs, shown, view, low, high):
+def _draw_view(axes, scene, beliefs, shown, view, low, high):
     from matplotlib.patheffects import withStroke
 
-    scene = prediction.scene
     left, bottom = view[:2] @ low
     right, top = view[:2] @ high
     halo = [withStroke(linewidth=3.0, foreground=(1.0, 1.0, 1.0, 0.6))]

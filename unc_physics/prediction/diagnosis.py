@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -23,12 +22,10 @@ from .compute_budget import ComputeBudget
 from .diagnostics import RULES, judged, measures_of
 from .driver import run, wide_states
 from .evidence import Evidence, initial_diagnostics
+from .prediction_data import PredictionData
 from .probability import is_certain
 from .request_checks import check_memory, check_supported
 from .snapshot import Snapshot
-
-if TYPE_CHECKING:
-    from .prediction import Prediction
 
 #: Rollouts with which `judge` compares a spread.
 ROLLOUTS = 12
@@ -56,7 +53,7 @@ def compared_rollouts(rollouts: int, field: str = "rollouts") -> int:
 
 
 @np.errstate(all="ignore")
-def judge(prediction: Prediction, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
+def judge(prediction: PredictionData, rollouts: int) -> tuple[tuple[BodyStatus, ...], ...]:
     """Return the statuses of all bodies at each time, as of a prediction that ends at this time.
 
     Spreads are compared with those of ``rollouts`` rollouts, as in `status.assess`.
@@ -120,7 +117,7 @@ def _compare(prediction, found, places, rollouts, before=0):
             found[k] = replace(found[k], spreads=own, compared=states)
 
 
-def may_miss(prediction: Prediction) -> bool:
+def may_miss(prediction: PredictionData) -> bool:
     """Return whether the few rollouts of a method with hard contacts may miss rare outcomes."""
     scene, propagator = prediction.scene, prediction.propagator
     if scene.integrator != "implicit" or propagator.traits.mean_update == "nominal":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -28,12 +28,10 @@ from ..spatial.layout import (
 from ..spatial.moments import pose_spreads
 from ..spatial.rotation import rotation_matrix
 from .conservation_checks import conserves_energy
+from .prediction_data import PredictionData
 from .probability import is_deterministic
 from .rare_outcomes import tail_factors
 from .snapshot import Snapshot
-
-if TYPE_CHECKING:
-    from .prediction import Prediction
 
 _DRAWN = 40  # states of a belief whose overlaps are computed
 _SEED = 0  # of their draws; fixed, so that statuses are reproducible
@@ -90,7 +88,7 @@ class Evidence:
     left_out: tuple[str, ...] = ()  # as `Prediction.left_out`
 
     @classmethod
-    def of(cls, prediction: Prediction, start: InitialDiagnostics, snapshot: Snapshot) -> Evidence:
+    def of(cls, prediction: PredictionData, start: InitialDiagnostics, snapshot: Snapshot) -> Evidence:
         """Return the evidence of a snapshot of a prediction that was not received from a node."""
         scene, propagator, carry = prediction.scene, prediction.propagator, snapshot.carry
         history = carry.contact_history
@@ -201,7 +199,7 @@ class Evidence:
         return np.sqrt(squares + 2.0 * gravity * np.abs(way).max(axis=1))
 
 
-def initial_diagnostics(prediction: Prediction) -> InitialDiagnostics:
+def initial_diagnostics(prediction: PredictionData) -> InitialDiagnostics:
     """Return the diagnostics of the start, which all times of a prediction share."""
     scene, initial, propagator = prediction.scene, prediction.initial, prediction.propagator
     samples = None

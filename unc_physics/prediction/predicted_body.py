@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -25,10 +25,8 @@ from ..spatial.layout import (
 from ..spatial.origin import at_origin
 from .body_status import BodyStatus
 from .diagnosis import ROLLOUTS, judge
+from .prediction_data import PredictionData
 from .snapshot import Snapshot
-
-if TYPE_CHECKING:
-    from .prediction import Prediction
 
 #: Point that position and velocity refer to.
 Origin = Literal["center_of_mass", "model"]
@@ -55,7 +53,7 @@ class PredictedBody:
     """
 
     def __init__(
-        self, prediction: Prediction, name: str, snapshot: Snapshot, origin: Origin = "center_of_mass"
+        self, prediction: PredictionData, name: str, snapshot: Snapshot, origin: Origin = "center_of_mass"
     ):
         scene = prediction.scene
         names = [body.name for body in scene.bodies]

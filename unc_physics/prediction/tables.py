@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,16 +19,14 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
-
-if TYPE_CHECKING:
-    from .prediction import Prediction
+from .prediction_data import PredictionData
 
 #: Lines of a table that is printed where nobody asked for all of it.
 FEW_LINES = 30
 
 
 def as_dict(
-    prediction: Prediction, seed: int | None = None, samples: np.ndarray | None = None
+    prediction: PredictionData, seed: int | None = None, samples: np.ndarray | None = None
 ) -> dict[str, Any]:
     """Return a prediction as plain Python values, which JSON can hold.
 
@@ -93,7 +91,7 @@ def _values(state, P):
     }
 
 
-def as_table(prediction: Prediction, most: int | None = None) -> str:
+def as_table(prediction: PredictionData, most: int | None = None) -> str:
     """Return the physics and a table of poses and standard deviations.
 
     Of at most ``most`` lines, the last times are shown, and of one time the first bodies.
@@ -144,7 +142,7 @@ def _block(prediction, k):
     return lines
 
 
-def why_no_pose(prediction: Prediction, k: int, body: int) -> str | None:
+def why_no_pose(prediction: PredictionData, k: int, body: int) -> str | None:
     """Return why a body's pose at the time with index ``k`` is meaningless; None if it is not.
 
     A linear map through many contacts can grow without bounds. The pose is meaningless if a standard
