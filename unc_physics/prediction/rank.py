@@ -307,13 +307,13 @@ def rank_candidates(
     """
     started, count, rollouts = clock(), len(candidates), propagator.samples
     usual = max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
-    budget = usual if budget is None else integer(budget, "budget", low=1)
-    if budget < count:
+    most: int = usual if budget is None else integer(budget, "budget", low=1)
+    if most < count:
         raise InvalidRequestError(
-            f"must be at least one rollout for each of {count} actions", field="budget", value=budget
+            f"must be at least one rollout for each of {count} actions", field="budget", value=most
         )
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
-    halving, runs, stopped = SequentialHalving(count, rollouts, budget), {}, []
+    halving, runs, stopped = SequentialHalving(count, rollouts, most), {}, []
 
     def attempt(compute):
         """Return the results by candidate, without candidates that fail."""
@@ -331,7 +331,7 @@ def rank_candidates(
     def show(done, steps):
         assert progress is not None
         try:
-            progress(halving.spent, budget)
+            progress(halving.spent, most)
         except UncPhysicsError as error:
             stopped.append(error)
             raise
@@ -356,7 +356,7 @@ def rank_candidates(
             while halving.remaining:
                 simulate_round(ComputeBudget(allowed, started, limit))
     except PredictionTimeoutError as error:
-        when = f"after {halving.spent} rollouts of {budget}" if halving.spent else "in the first round"
+        when = f"after {halving.spent} rollouts of {most}" if halving.spent else "in the first round"
         ended = PredictionTimeoutError(f"ran out {when}", field=error.field, value=error.value)
         ended.prediction = ranking()
         raise ended from None

@@ -34,7 +34,7 @@ def wins_and_losses(one: np.ndarray, other: np.ndarray) -> tuple[int, int, int]:
     """Return how many pairs of outcomes (n,), (m,) bool only one side has, and the number of pairs."""
     count = min(len(one), len(other))
     one, other = one[:count], other[:count]
-    return np.count_nonzero(one & ~other), np.count_nonzero(other & ~one), count
+    return int(np.count_nonzero(one & ~other)), int(np.count_nonzero(other & ~one)), count
 
 
 def difference(one: np.ndarray, other: np.ndarray) -> Difference:

@@ -106,7 +106,7 @@ def rank_entries(
         write_error(entries[places[place]].result, error)
         server.diagnostics.failed(str(error))
 
-    score = read_score(request.score, base.regions, jobs[places[0]].scene)
+    score = read_score([*request.score], base.regions, jobs[places[0]].scene)
     try:
         ranking = rank_candidates(
             [Candidate(str(k), job.scene, job.belief) for k, job in jobs.items()],
