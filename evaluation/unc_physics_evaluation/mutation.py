@@ -144,6 +144,9 @@ class _Tests:
         self._lines = coverage.CoverageData(str(folder / ".coverage"))
         self._lines.read()
         self._files = {path.stem: path.relative_to(folder) for path in (folder / "test").rglob("test_*.py")}
+        known = self._named(self._lines.measured_contexts())
+        if self._run(["-m", "pytest", "--collect-only", "-q", *known]):
+            raise SystemExit("pytest has other names for the tests than coverage")
 
     def that_execute(self, mutant: Mutant) -> list[str]:
         """Return the tests that execute the changed lines; for lines run at import, any line of the file."""
@@ -151,7 +154,11 @@ class _Tests:
         found = {name for line in range(mutant.line, mutant.last_line + 1) for name in contexts.get(line, ())}
         if "" in found:
             found = {name for names in contexts.values() for name in names}
-        parts = [name.split(".")[-2:] for name in sorted(found) if "." in name]
+        return self._named(found)
+
+    def _named(self, contexts):
+        """Return the tests as pytest names them."""
+        parts = [name.split(".")[-2:] for name in sorted(contexts) if "." in name]
         return [f"{self._files[module]}::{test}" for module, test in parts if module in self._files]
 
     def verdict(self, mutant: Mutant) -> str:
@@ -177,6 +184,7 @@ class _Tests:
             cwd=self._folder,
             env=os.environ | {"PYTHONPATH": path, "NUMBA_CACHE_DIR": str(cache)},
             stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
         try:
