@@ -51,7 +51,7 @@ def write_report(
 
 
 def verdicts(results: Results, experiments: Iterable[ModuleType]) -> Iterator[tuple[str, str]]:
-    """Return the names and verdicts of experiments that have rows and goals."""
+    """Return the names and verdicts of experiments that have both rows and a verdict."""
     for module in experiments:
         name = module.__name__.rpartition(".")[2]
         if hasattr(module, "verdict") and results.rows(name):

@@ -10,7 +10,7 @@ A module defines
 ``report(results)`` : str
     Markdown from the rows of finished jobs; draws its figures.
 ``verdict(results)`` : str, optional
-    A sentence on the goals.
+    A sentence on the result.
 """
 
 from __future__ import annotations

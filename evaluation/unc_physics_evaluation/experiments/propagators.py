@@ -7,19 +7,16 @@ import numpy as np
 from unc_physics import Belief, make_propagator, predict
 from unc_physics.dynamics.rollout import simulate
 
-from ..comparison import CPU_TIME, TIME_RATIO, rollout_cost, time_rows
-from ..goals import Figure, goal_tables, goals_met_by, ratio
+from ..comparison import TIME_RATIO, rollout_cost, time_rows
 from ..jobs import Job, Outcome, Settings
 from ..methods import MONTE_CARLO, label, methods
-from ..results import Results, Rows
+from ..results import Results
 from ..scenarios import LARGE, MODELS, collision, has_packing, missing_packings
 from ..tables import number
 
 TITLE = "Time of the propagators"
 SPHERES = (10, 100, 1000, 10_000, LARGE)
 NOMINAL = "nominal_rollout"
-#: How many times faster than MC-10 with 1000 and 10 000 spheres.
-GOALS = {"linearization": 9.0, "surrogate": 5.0, "local_sampling": 3.0, "sigma_points": 0.7}
 
 
 def jobs(settings: Settings) -> list[Job]:
@@ -68,7 +65,7 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results) -> str:
-    """Return a table of speed relative to MC-10, and of goals."""
+    """Return a table of speed relative to MC-10."""
     rows = results.rows("propagators")
     models = rows.unique("model")
     lines = []
@@ -80,41 +77,4 @@ def report(results: Results) -> str:
             found = here.where(method=method, samples=samples, quantity=TIME_RATIO)
             faster = [number(1.0 / found.where(model=model).median()) for model in models]
             lines.append([str(spheres), label(method, samples), *faster])
-    times = results.table("propagator_times", ["spheres", "method", *models], lines)
-    return times + goal_tables(_figures(results))
-
-
-def _figures(results) -> dict[str, list[Figure]]:
-    return {
-        "MC-10's CPU time over that of each propagator, another mean in each round": [
-            figure
-            for here in _by_scene(results.rows("propagators"))
-            for method, samples in here.curves()
-            if method != MONTE_CARLO
-            for figure in _method_figures(here, method, samples)
-        ]
-    }
-
-
-def _by_scene(rows) -> list[Rows]:
-    found = (rows.where(model=model, spheres=n) for model in MODELS for n in rows.unique("spheres"))
-    return [here for here in found if here]
-
-
-def _method_figures(rows, method, samples):
-    """Return the times, also as multiples of a nominal rollout."""
-    spheres, found = rows[0]["spheres"], rows.where(method=method, samples=samples)
-    times, nominal = found.where(quantity=CPU_TIME), rows.where(method=NOMINAL, quantity=CPU_TIME)
-    note = f"{number(1e3 * times.median())} ms"
-    if method != NOMINAL:
-        note += f", {number(ratio(times, nominal))} nominal rollouts"
-    goal = GOALS.get(method) if spheres in (1000, 10_000) else None
-    faster = 1.0 / found.where(quantity=TIME_RATIO).median()
-    return [
-        Figure(
-            f"MC-10 / {label(method, samples)}", f"{rows[0]['model']} {spheres}", faster, "x", goal, note=note
-        )
-    ]
-
-
-verdict = goals_met_by(_figures)
+    return results.table("propagator_times", ["spheres", "method", *models], lines)
