@@ -24,19 +24,13 @@ def on_sleep(method, i, work):
 
 
 @stage
-def after_travel(method, x, count, h, world, work):
-    """Called after the current group moved for ``h`` seconds under the recorded impulses (`LASTING`).
+def after_travel(method, world, work):
+    """Called after the current group moved under the recorded impulses (`LASTING`).
 
-    The contacts' rows are at the interval's end without contacts (`FREE`). Velocities and poses of its
-    beginning are recorded (`START`, `START_POSITION`, `START_QUATERNION`). ``x`` and ``work.R`` are at its
-    end.
+    The contacts' rows are at the interval's end without contacts. ``work.R`` is at its end.
     """
 
 
 @stage
-def after_impact(method, x, count, threshold, world, work):
-    """Called after an impact of the current contacts with the recorded impulses (`ELASTIC`).
-
-    `START` and `NOW` are the velocities before and after. Contacts that closed faster than ``threshold``
-    rebound.
-    """
+def after_impact(method, world, work):
+    """Called after an impact of the current contacts with the recorded impulses (`ELASTIC`)."""

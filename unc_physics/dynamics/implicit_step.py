@@ -225,7 +225,7 @@ def collide(x, count, time, impact, rollout, world, method, work):
         step = round((time - world.start) / world.dt)
         disturb(step, impact, len(x), rollout.key, world.implicit.impact_error, work)
     worst = solve_impact(count, threshold, work)
-    after_impact(method, x, count, threshold, world, work)
+    after_impact(method, world, work)
     for c in range(kept):
         if work.impulses[ELASTIC, c, 0] > 0.0:
             note_contact(rollout.first_time, ids[c, 0], ids[c, 1], time)
@@ -336,7 +336,7 @@ def push_apart(x, count, h, time, rollout, world, method, work):
             for k in range(3):
                 x[i, W + k] = velocity[NOW, i, 3 + k]
         _add_travel(x, i, h, velocity[START], numbers, world.bodies.radius[i])
-    after_travel(method, x, count, h, world, work)
+    after_travel(method, world, work)
 
 
 @inner(forceinline=True)

@@ -91,12 +91,12 @@ def _rest(method, i, work):
 
 
 @after_travel.of(Solved)
-def _push(method, x, count, h, world, work):
+def _push(method, world, work):
     _push_pairs(method, LASTING, world, work)
 
 
 @after_impact.of(Solved)
-def _hit(method, x, count, threshold, world, work):
+def _hit(method, world, work):
     begin_impact(method.own)
     _push_pairs(method, ELASTIC, world, work)
 
