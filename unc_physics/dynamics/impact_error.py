@@ -55,10 +55,9 @@ def disturb(step, impact, bodies, key, error, work):
     """
     for c in range(work.counts[CONTACTS]):
         i, j = work.ids[c, 0], work.ids[c, 1]
-        one = error.identity[i]
-        other = error.identity[j if j >= 0 else bodies - 1 - j]
-        own = combine(combine(combine(key, step), impact), min(one, other))
-        own = combine(own, max(one, other))
+        other = j if j >= 0 else bodies - 1 - j
+        own = combine(combine(combine(key, step), impact), min(i, other))
+        own = combine(own, max(i, other))
         row = work.rows[c]
         x, y = _normals(own, 0)
         z, u = _normals(own, 1)

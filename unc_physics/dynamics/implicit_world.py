@@ -23,14 +23,11 @@ class ImpactError(NamedTuple):
         Shift of the contact point along each axis of the surface [m].
     friction : float
         Logarithm of the factor on friction.
-    identity : (B + E,) int64
-        Numbers of bodies and elements that stay the same in a subset of the scene.
     """
 
     direction: float
     point: float
     friction: float
-    identity: np.ndarray
 
 
 _QUIET_TIME = 0.1  # s, time at rest after which bodies sleep
@@ -168,30 +165,20 @@ def fresh_solver_memory(count, bodies):
 
 
 def of_bodies(memory, bodies, kept_overlap):
-    """Return the memory of some bodies, which touch no others; ``kept_overlap`` is theirs."""
-    count = len(memory.count)
+    """Return the memory of some bodies; their contacts with others are forgotten.
+
+    ``kept_overlap`` is theirs.
+    """
     place = np.full(memory.rest_steps.shape[1], -1)
     place[bodies] = np.arange(len(bodies))
-    own = fresh_solver_memory(count, len(bodies))._replace(kept_overlap=kept_overlap, key=memory.key)
+    own = fresh_solver_memory(len(memory.count), len(bodies))
     own.rest_steps[:], own.residual[:] = memory.rest_steps[:, bodies], memory.residual[:, bodies]
-    for n in np.flatnonzero(memory.count):
-        contact = memory.contact[n, : memory.count[n]]
-        kept = place[contact[:, 0]] >= 0
-        _append(own, n, _renumbered(contact[kept], place), memory.force[n, : memory.count[n]][kept])
-    return own
-
-
-def _renumbered(contact, place):
-    """Return contacts with renumbered bodies."""
-    changed = contact.copy()
-    changed[:, 0] = place[contact[:, 0]]
-    another = contact[:, 1] >= 0
-    changed[another, 1] = place[contact[another, 1]]
-    return changed
-
-
-def _append(memory, n, contact, force):
-    """Append contacts to the memory of rollout ``n``."""
-    first, last = memory.count[n], memory.count[n] + len(contact)
-    memory.contact[n, first:last], memory.force[n, first:last] = contact, force
-    memory.count[n] = last
+    for n, count in enumerate(memory.count):
+        contact, force = memory.contact[n, :count].copy(), memory.force[n, :count]
+        between = contact[:, 1] >= 0
+        contact[:, 0] = place[contact[:, 0]]
+        contact[between, 1] = place[contact[between, 1]]
+        kept = (contact[:, 0] >= 0) & ~(between & (contact[:, 1] < 0))
+        own.count[n] = kept.sum()
+        own.contact[n, : own.count[n]], own.force[n, : own.count[n]] = contact[kept], force[kept]
+    return own._replace(kept_overlap=kept_overlap, key=memory.key)

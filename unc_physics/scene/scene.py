@@ -483,9 +483,7 @@ class Scene:
                 index_of
             ],
             rest_steps=rest_steps(self.dt) if self.sleep else 0,
-            impact_error=ImpactError(
-                *(getattr(self, name) for name in IMPACT_STDS), identity=np.arange(len(self.surfaces))
-            ),
+            impact_error=ImpactError(*(getattr(self, name) for name in IMPACT_STDS)),
             impact_slipperiness=1.0 / (self.impact_friction_speed or math.inf),
         )
 
