@@ -1,11 +1,13 @@
 """What the measures of the code count, in a small package whose calls, constants and tests are known."""
 
+import re
 import subprocess
 
 import pytest
 
-from unc_physics_evaluation import code_metrics, mutation
+from unc_physics_evaluation import mutation
 from unc_physics_evaluation.call_walk import Package, Place, passed
+from unc_physics_evaluation.code_metrics import ENTRY, PROPAGATOR, ROOT, tuned_constants
 
 SOURCES = {
     "__init__.py": "",
@@ -147,6 +149,15 @@ def test_without_an_implementation_the_declared_class_is_passed(tmp_path):
     assert Place("small.job", "Job.run") in found and Place("small.job", "Real.run") not in found
 
 
+def test_a_request_passes_the_files_that_contributing_lists():
+    listed = re.findall(r"^\| `([\w/]+\.py)` \|", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
+    package = Package(ROOT / "unc_physics")
+    functions = passed(package, ENTRY, PROPAGATOR)
+    files = {str(package.files[place.module].relative_to(ROOT / "unc_physics")) for place in functions}
+    assert len(listed) > 10
+    assert set(listed) - files == {"ros/services.py"}, "which calls the function where the walk starts"
+
+
 def test_constants_that_somebody_chose(tmp_path):
     path = tmp_path / "solver.py"
     path.write_text(
@@ -161,7 +172,7 @@ def test_constants_that_somebody_chose(tmp_path):
         "        x[COLUMN] += 0.75 * x[0] / 24.0 + 0.05\n"
         "    return x[COLUMN] > 0.0\n"
     )
-    found = [(constant.name, constant.value) for constant in code_metrics.tuned_constants([path])]
+    found = [(constant.name, constant.value) for constant in tuned_constants([path])]
     assert found == [("SWEEPS", 200), ("SHARE", -0.3), ("LEVELS", 0.97), ("LEVELS", 1.05), ("", 0.05)]
 
 
