@@ -1,0 +1,453 @@
+"""Every flag is raised just above its limit and not just below it, for each body by its own value."""
+
+import math
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plain_scenes import BALL, PLATE, G, ball, energy, independent, lowest, state
+from scipy.spatial.transform import Rotation
+
+from unc_physics import Belief, Plane, RigidBody, Scene, Status, make_propagator, predict
+from unc_physics.prediction.diagnostics import RULES, judged, measures_of, raised
+from unc_physics.prediction.evidence import Evidence, initial_diagnostics
+from unc_physics.spatial.moments import pose_spreads
+
+LARGE = ball(0.08)
+TILT = Rotation.from_euler("xyz", [0.7, -0.4, 1.1])  # of the axes along which spreads differ
+TURN = Rotation.from_euler("xyz", [0.3, 0.9, -2.0]).as_quat()
+#: By name: limit, flag, a function that returns evidence with a value of the measure for the first body, and
+#: the shares of the limit that are tried. The measure is the first word of the name.
+CASES = {}
+OVERLAP, OUTSIDE = Status.INITIAL_OVERLAP, Status.OUTSIDE_VALIDITY
+STEP, MEAN = Status.NOT_CONVERGED, Status.MEAN_NOT_POSSIBLE
+#: Measures that are yes or no, or a whole number.
+COUNTED = {"left_out", "outcomes", "unchecked"}
+#: Measures that bodies without any contact have, too.
+OF_ALL = {
+    *("initial_overlap", "overlap_share", "overlap_kept", "overlap_certain", "overlap_moved"),
+    *("settled_tilt", "unsettled", "rotation_std", "point_turn", "spread_disagreement", "doubtful_contacts"),
+    *("density_misfit", "few_samples", "spread_error", "rare_outcomes", "missed_goal"),
+}
+
+
+def case(limit, flag, shares=(0.995, 1.005), of=(None,)):
+    """Enter a function of the value, once for each argument ``of``."""
+
+    def enter(make):
+        for one in of:
+            name = make.__name__ if one is None else f"{make.__name__} {one}"
+            CASES[name] = limit, flag, (make if one is None else lambda v, one=one: make(v, one)), shares
+        return make
+
+    return enter
+
+
+def evidence_of(scene, belief, propagator="sigma_points", horizon=0.01, **options):
+    prediction = predict(scene, belief, make_propagator(propagator, **options), horizon)
+    return Evidence.of(prediction, initial_diagnostics(prediction), prediction.at())
+
+
+def spread(stds, orientation=(0, 0, 0, 1)):
+    """A covariance (3, 3) with these standard deviations along tilted axes, about the axes of a body."""
+    R = (Rotation.from_quat(orientation).inv() * TILT).as_matrix()
+    return R @ np.diag(np.square(stds)) @ R.T
+
+
+def blocks(count, **parts):
+    """Covariances (count, 12, 12) with the given blocks (count, 3, 3), by the name of the error."""
+    P = np.zeros((count, 12, 12))
+    for k, name in enumerate(("position", "velocity", "rotation", "spin")):
+        P[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = parts.get(name, 0.0)
+    return P
+
+
+def believing(evidence, mean=None, P=None):
+    """Return the evidence with another predicted belief."""
+    own = evidence.snapshot.belief
+    belief = Belief(own.mean if mean is None else mean, own.blocks if P is None else P, own.moving)
+    return replace(evidence, snapshot=replace(evidence.snapshot, belief=belief))
+
+
+def knowing(evidence, **values):
+    """Return the evidence with values that it would compute."""
+    evidence = copy(evidence)
+    vars(evidence).update(values)
+    return evidence
+
+
+def on_floor(propagator="sigma_points", models=(BALL, LARGE), masses=(1.0, 1.0), std=0.001, **physics):
+    """Two bodies that touch a floor, apart."""
+    bodies = [RigidBody(name, *parts) for name, *parts in zip("ab", models, masses, strict=True)]
+    scene = Scene.everyday(bodies, **{"exact": True, "environment": [Plane()]} | physics)
+    states = [state((k, 0, -lowest(model))) for k, model in enumerate(models)]
+    return evidence_of(scene, independent(*states, position=std), propagator)
+
+
+def adjusted(field, values, samples=math.inf, at_rest=False):
+    """Evidence of states with given adjustments (N, 2) at the start, in one field."""
+    found = on_floor()
+    first, other = found.scene.bodies
+    scene = replace(found.scene, bodies=[replace(first, at_rest=at_rest), other])
+    none = np.zeros(np.shape(values), np.float32)
+    changes = dict.fromkeys(found.start.found._fields, none) | {field: np.array(values, np.float32)}
+    start = found.start._replace(found=found.start.found._replace(**changes), samples=samples)
+    return replace(found, scene=scene, start=start)
+
+
+def kinetic_energy(scene, x):
+    still = x.copy()
+    still[:, 3:6] = still[:, 10:] = 0.0
+    return energy(scene, x) - energy(scene, still)
+
+
+def some(share, count, yes=1.0, no=0.0):
+    """Values (count, 2): ``yes`` in a share of them for the first body, in half as many for the other."""
+    values = np.full((count, 2), no)
+    for k, own in enumerate((share, 0.5 * share)):
+        values[: round(own * count), k] = yes
+    return values
+
+
+# -- the start ---------------------------------------------------------------------------------------
+
+
+@case(0.02, OVERLAP)
+def initial_overlap(value):
+    """Two balls that are closer than the sum of their radii."""
+    bodies = [RigidBody("a", BALL, 1.0), RigidBody("b", LARGE, 1.0), RigidBody("c", BALL, 1.0)]
+    places = (0, 0, 0), (0, 0.13 - 0.05 * value, 0), (1, 0, 0)
+    return evidence_of(Scene(bodies, dt=1e-3, stiffness=1e4), independent(*map(state, places)))
+
+
+@case(0.02, OVERLAP)
+def overlap_kept(value):
+    return adjusted("kept", [[0.0, 0.02 * 0.08], [0.05 * value, 0.0], [0.0, 0.0]])
+
+
+@case(0.5, OVERLAP)
+def overlap_certain(value):
+    return adjusted("kept", some(value, 400, 6e-5))
+
+
+@case(0.01, OVERLAP)
+def overlap_moved(value):
+    return adjusted("moved", some(value, 20_000, 5.01, 4.99), samples=20_000)
+
+
+@case(0.01, OVERLAP, of=("by points",))
+def overlap_moved_(value, _):
+    """Chosen points lie as far out as the root of half their number."""
+    return adjusted("moved", some(value, 20_000, 101.1, 100.9))
+
+
+@case(math.radians(15.0), OVERLAP)
+def settled_tilt(value):
+    """A root mean square."""
+    return adjusted("tilted", [[1.4 * value, 0.1], [0.2 * value, 0.2]], at_rest=True)
+
+
+@case(0.05, OVERLAP)
+def unsettled(value):
+    return adjusted("unsettled", some(value, 4000), at_rest=True)
+
+
+# -- the spread --------------------------------------------------------------------------------------
+
+
+@case(1.0, OUTSIDE)
+def rotation_std(value):
+    """The largest along any axis."""
+    P = blocks(2, rotation=[spread((0.3, value, 0.5), TURN), spread((0.7, 0.9, 0.2))])
+    scene = Scene([RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 1.0)])
+    found = evidence_of(scene, independent(state(orientation=TURN), state((1, 0, 0))), "linearization")
+    return believing(found, P=P)
+
+
+@case(1.0, OUTSIDE)
+def rotation_std_(value):
+    """That of four rollouts along two axes, if it is smaller."""
+    found = rotation_std(1.5)
+    states = np.tile(found.start.mean, (4, 1, 1))
+    for axis, angle, n in ((0, 1.0, 0), (0, -1.0, 1), (1, 0.5, 2), (1, -0.5, 3)):
+        turn = Rotation.from_quat(states[n, 0, 6:10]) * Rotation.from_rotvec(
+            2**0.5 * angle * value * np.eye(3)[axis]
+        )
+        states[n, 0, 6:10] = turn.as_quat()
+    return replace(found, compared=states)
+
+
+@case(1.0, OUTSIDE)
+def point_turn(value):
+    """Of five directions of two bodies and one mass, the farthest points are at the root of 6.5."""
+    std = value * math.pi / math.sqrt(6.5)
+    P = blocks(2, rotation=[spread((0.3, std, 0.5), TURN), np.zeros((3, 3))])
+    P[1, 0, 0] = P[1, 2, 2] = 0.01
+    bodies = [RigidBody("a", PLATE, 1.0, mass_std=0.1), RigidBody("b", BALL, 1.0)]
+    scene = Scene.everyday(bodies, exact=True, gravity=None, environment=[Plane()])
+    return evidence_of(scene, Belief([state((0, 0, 5), orientation=TURN), state((5, 0, 5))], P))
+
+
+def compared(value, below=False):
+    """Evidence with spreads of rollouts; those of the other body are less than 0.1 mrad, or nearly right."""
+    found = on_floor()
+    P = blocks(2, position=spread((0.01, 0.02, 0.03)), rotation=[spread((0.1, 0.2, 0.3)), np.zeros((3, 3))])
+    factors = [[1.0, 1.0 / value if below else value], [1.3, 1.0]]
+    return replace(believing(found, P=P), spreads=pose_spreads(P) * factors + [[0.0, 0.0], [0.0, 9e-5]])
+
+
+@case(2.0, OUTSIDE, of=(True, False))
+def spread_disagreement(value, below):
+    return compared(value, below)
+
+
+@case(1.75, OUTSIDE)
+def doubtful_contacts(value):
+    return knowing(compared(value), uncertain_since=np.array([0.1, np.inf]))
+
+
+@case(1.0, OUTSIDE, of=("of a small body", "of a large body", "of its spread", "of a compared spread"))
+def extent_loss(value, over):
+    """Over 1 mm, 0.5 % of 0.4 m, or the root of the summed variances."""
+    unit = {
+        "of a small body": 1e-3,
+        "of a large body": 2e-3,
+        "of its spread": 0.03,
+        "of a compared spread": 0.05,
+    }
+    model = ball(0.4) if over == "of a large body" else BALL
+    found = on_floor(
+        models=(replace(model, measured_spheres=[1], extent_losses=[value * unit[over]]), LARGE), std=1e-4
+    )
+    if over in ("of its spread", "of a compared spread"):
+        found = believing(found, P=blocks(2, position=[spread((0.01, 0.02, 0.02)), np.zeros((3, 3))]))
+    return replace(found, spreads=np.array([[0.05, 0.0], [0.9, 0.0]])) if "compared" in over else found
+
+
+@case(1.0, OUTSIDE, of=("above all metals", "below all foams"))
+def density_misfit(value, side):
+    """Of bodies of one litre."""
+    return on_floor(masses=(100.0 * value if "above" in side else 1e-4 / value, 1.0))
+
+
+@case(0.3, OUTSIDE, shares=(1.0 / 0.3 / 12.0**0.5, 1.0 / 0.3 / 10.0**0.5))
+def few_samples(value):
+    """A standard deviation of N samples is known to one over the root of 2 (N - 1)."""
+    scene = Scene([RigidBody("a", BALL, 1.0)])
+    count = round(1.0 + 0.5 / value**2)
+    return evidence_of(scene, independent(state(), position=0.1), "monte_carlo", samples=count)
+
+
+@case(0.35, OUTSIDE)
+def mean_error(value):
+    return knowing(on_floor("cloud"), own_measures={"mean_error": np.array([value, 0.1])})
+
+
+@case(0.25, OUTSIDE)
+def spread_error(value):
+    return knowing(on_floor("cloud"), own_measures={"spread_error": np.array([value, 0.1])})
+
+
+@case(1.05, OUTSIDE)
+def missed_goal(value):
+    return knowing(on_floor("auto"), own_measures={"missed_goal": np.array([value, 0.1])})
+
+
+@case(1.4, OUTSIDE)
+def rare_outcomes(value):
+    return knowing(on_floor(), widening=np.array([[1.0, value], [1.3, 1.0]]))
+
+
+@case(30.0, OUTSIDE, shares=(1.0, 31.0 / 30.0))
+def directions(value):
+    """Twelve of each of two bodies, some of a third one, and a friction."""
+    bodies = [RigidBody(name, BALL, 1.0) for name in "abc"]
+    scene = Scene.everyday(bodies, exact=True, friction=0.5, friction_std=0.1, environment=[Plane()])
+    P = np.tile(1e-6 * np.eye(12), (3, 1, 1))
+    P[0] *= np.arange(12) < round(value) - 25
+    return evidence_of(scene, Belief([state((k, 0, 0.05)) for k in range(3)], P))
+
+
+@case(2.5, OUTSIDE)
+def unevenness(value):
+    return replace(on_floor(), asymmetries=np.array([[1.0, value], [1.3, 1.0]]))
+
+
+# -- the mean ----------------------------------------------------------------------------------------
+
+
+@case(1.0, MEAN, of=(5e-5, 1e-3, 5e-3))
+def mean_penetration(value, std):
+    """Below the overlap of the start by the largest standard deviation, or 0.2 mm, or 2 mm."""
+    found = on_floor()
+    mean = found.snapshot.belief.mean.copy()
+    mean[:, 2] = 0.05 - 3e-4 - value * min(max(std, 2e-4), 2e-3), 0.08
+    P = blocks(2, position=[spread((0.5 * std, std, 0.2 * std)), spread((0.1, 0.1, 0.1))])
+    start = found.start._replace(overlap=np.array([3e-4, 0.0]))
+    return replace(believing(found, mean, P), start=start, states=None)
+
+
+# -- the physics -------------------------------------------------------------------------------------
+
+
+@case(0.02, STEP)
+def energy_gain(value):
+    """Of a ball that hits a turning plate; a third body has nothing to do with it."""
+    bodies = [RigidBody("a", BALL, 0.3), RigidBody("b", PLATE, 1.0), RigidBody("c", BALL, 9.0)]
+    scene = Scene(bodies, dt=1e-3, stiffness=1e5, gravity=(0.5, 0.0, -2.0))
+    hitting = state((0, 0, 0.12), (0, 0, -1.0))
+    belief = independent(hitting, state(spin=(0.3, 0.2, 0.1)), state((3, 0, 0), (0, 5, 0)))
+    found = evidence_of(scene, belief, "linearization", 0.2)
+    pair = replace(found.scene, bodies=bodies[:2])
+    before, after = belief.mean.copy(), found.snapshot.belief.mean.copy()
+    work = [0.3, 1.0] * ((after - before)[:2, :3] @ scene.gravity)
+    begun, now = kinetic_energy(pair, before[:2]), kinetic_energy(pair, after[:2])
+    wanted = begun + work.sum() + value * (begun + np.maximum(work, 0.0).sum())
+    for part in (slice(3, 6), slice(10, 13)):
+        after[:, part] *= math.sqrt(wanted / now)
+    return believing(found, after)
+
+
+@case(0.05, STEP, shares=(1.0, 1.5))
+def penetration_share(value):
+    """Deeper than a twentieth of the radius, in two or three of 40 states."""
+    found = on_floor()
+    states = np.tile(found.start.mean, (40, 1, 1))
+    states[:, :, 2] = [0.05, 0.08] * (1.0 - some(value, 40, 0.0501, 0.0499))
+    return replace(found, states=states)
+
+
+@case(0.05, STEP, shares=(1.0, 1.5))
+def penetration_share_(value):
+    """Springs may give way by as much as the radius of the largest sphere; a plate's are a tenth of it."""
+    found = fast(lambda speed: 1e6, models=(PLATE, LARGE))
+    states = np.tile(found.start.mean, (40, 1, 1))
+    states[:, :, 2] = 0.02 * (1.0 - some(value, 40, 1.001, 0.999))
+    return knowing(replace(found, states=states), touches=found.touches)
+
+
+@case(0.02, STEP)
+def energy_loss(value):
+    """Of two states of balls that move forward and fall; known energy is that of the mean first contact."""
+    found = on_floor(friction=0.0, restitution=1.0, std=0.0)
+    start = found.start.mean.copy()
+    start[:, 3] = 0.5, 0.2
+    begun = 0.5 * start[:, 3] ** 2
+    times = np.full((3, 2, 3), np.inf)
+    times[:2, 0, 2], times[:, 1, 2] = (0.1, 0.3), (0.1, 0.2, 0.6)
+    states = np.tile(start, (3, 1, 1))
+    states[:, :, 2] -= [[0.1, 0.02], [0.02, 0.04], [0.03, 0.03]]
+    work, known = G * np.array([0.05, 0.03]), begun + 0.5 * G**2 * np.array([0.2, 0.3]) ** 2
+    kinetic = begun + work - G * 1e-3 - [value, 0.01] * known
+    states[:, :, 3:6] = 0.0
+    states[:, :, 4] = np.sqrt(2.0 * kinetic * [[0.5], [1.0], [1.5]])
+    own = found.start._replace(mean=start, least_energy=begun)
+    return replace(found, start=own, states=states, history=found.history._replace(first_time=times))
+
+
+def fast(stiffness_of, models=(BALL, LARGE)):
+    """Evidence of the explicit integrator, with a stiffness by the highest speed of the first body."""
+    belief = independent(state((0, 0, 1), (2.0, 0, 0)), state((5, 0, 1), (0.1, 0, 0)))
+    speed = math.sqrt(4.0 + 2.0 * G * 0.4)
+    bodies = [RigidBody(name, *parts) for name, *parts in zip("ab", models, (1.0, 2.0), strict=True)]
+    scene = Scene(bodies, dt=1e-3, gravity=(0, 0, -G), stiffness=stiffness_of(speed), environment=[Plane()])
+    found = evidence_of(scene, belief)
+    mean = belief.mean.copy()
+    mean[:, :3] += [[0.1, -0.4, 0.3], [0.0, 0.0, 0.0]]
+    mean[:, 3:6] = [[0.0, 1.0, 0.0], [0.0, 0.0, 0.2]]
+    return knowing(believing(found, mean), touches=np.array([True, True]))
+
+
+@case(1.3, STEP)
+def step_times_frequency(value):
+    """At the depth d at which a force pi k r d^2 has stopped the ball, with the slope of that force."""
+
+    def stiffness(speed):
+        slope = (1e3 * value) ** 2 / (2.0 * math.pi * 0.05)
+        return (slope / (1.5 * speed**2 / (math.pi * 0.05)) ** (1 / 3)) ** 1.5
+
+    return fast(stiffness)
+
+
+@case(1.0, STEP)
+def impact_over_capacity(value):
+    return fast(lambda speed: 0.5 * speed**2 / value / (math.pi * 0.05**4))
+
+
+@case(0.025, STEP)
+def contact_step(value):
+    return on_floor(dt=value)
+
+
+@case(1.0, STEP)
+def contact_residual(value):
+    """That one in twenty rollouts exceeds."""
+    found = on_floor()
+    residual = np.zeros((101, 2), np.float32)
+    residual[95:, 0], residual[96:, 1] = value, 9.0
+    return replace(
+        found, history=found.history._replace(solver=found.history.solver._replace(residual=residual))
+    )
+
+
+# -- all ---------------------------------------------------------------------------------------------
+
+
+def test_every_flag_with_a_limit_has_a_case():
+    assert {name for name, rule in RULES.items() if math.isfinite(rule.limit)} - COUNTED == {
+        name.split()[0].rstrip("_") for name in CASES
+    }
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_flag_is_raised_above_its_limit_alone(name):
+    limit, flag, make, shares = CASES[name]
+    measure = name.split()[0].rstrip("_")
+    for share in shares:
+        evidence = make(share * limit)
+        found = measures_of(evidence)
+        assert found[0][measure] == pytest.approx(share * limit, rel=1e-4)
+        for k, own in enumerate(found):
+            value = own.get(measure, 0.0)
+            assert (value > limit) == (share > 1.0 and (k == 0 or value == found[0][measure]))
+            assert (measure in raised(own)) == (value > limit)
+            status = judged(evidence, k, own)
+            assert value <= limit or status.flags & flag
+            assert any(f"({measure} " in reason for reason in status.reasons) == (value > limit)
+        apart = knowing(evidence, touches=np.arange(len(found)) > 0)
+        assert (measure in measures_of(apart)[0]) == (measure in OF_ALL)
+
+
+@pytest.mark.parametrize(
+    ("measure", "error"),
+    [
+        ("rotation_std", {"few_samples": 0.1}),
+        ("rotation_std", {"few_samples": 9.0, "spread_error": 0.1}),
+        ("mean_penetration", {"mean_pose_error": 0.125}),
+    ],
+)
+def test_a_limit_has_two_standard_errors(measure, error):
+    """Of the measure itself, or relative to it."""
+    for value, above in ((1.24, False), (1.26, True)):
+        own = {measure: value} | error
+        assert (measure in raised(own)) == above and measure in raised(own, surely=False)
+        assert measure in raised(own | {measure: math.nan})
+
+
+def test_flags_of_a_spread_are_not_raised_where_rollouts_were_compared():
+    above = dict.fromkeys(RULES, 99.0)
+    alone = {name for name, value in above.items() if name in raised({name: value})}
+    assert alone == {name for name, rule in RULES.items() if math.isfinite(rule.limit)}
+    assert alone - set(raised(above | {"spread_error": 0.3, "mean_pose_error": 0.0})) == {
+        "left_out",
+        "directions",
+        "unevenness",
+    }
+
+
+def test_a_body_that_does_not_move_has_no_measures():
+    scene = Scene([RigidBody("a", BALL, fixed=True), RigidBody("b", BALL, 1.0)])
+    belief = Belief([state(), state((1, 0, 0))], np.zeros((1, 12, 12)), [1])
+    fixed, free = measures_of(evidence_of(scene, belief, "linearization"))
+    assert not fixed and free
