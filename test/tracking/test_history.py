@@ -1,32 +1,16 @@
-"""Parts of the tracker by themselves: corrections, and the history of late measurements."""
+"""The history of late measurements by itself."""
 
 import numpy as np
 import pytest
-from tracked_scenes import NOISE, belief_of, free_scene, pose
+from tracked_scenes import NOISE, begun, free_scene, pose
 
-from unc_physics import ContactNoise, PoseMeasurement, UncPhysicsError, make_propagator, with_stiffness
+from unc_physics import PoseMeasurement, UncPhysicsError
 from unc_physics.checks.errors import DivergedError
-from unc_physics.tracking.correction import CorrectedState, Start, correct_state
-from unc_physics.tracking.ensemble import Gates
+from unc_physics.tracking.correction import correct_state
 from unc_physics.tracking.history import History
-from unc_physics.tracking.hypotheses import Filter, TrackMode, new_track
-from unc_physics.tracking.members import advanced, first_members
-from unc_physics.tracking.state import State, TrackedScene
-from unc_physics.tracking.symmetry import NONE
+from unc_physics.tracking.hypotheses import TrackMode
 
 PERIOD, SPEED = 1.0 / 30.0, 1.2  # s, m/s
-
-
-def begun(**known):
-    """A body's scene and state at time 0; it has ``known`` velocities or others."""
-    belief = belief_of(free_scene(), box0=known)
-    scene = with_stiffness(free_scene(), belief.mean)
-    tracked = TrackedScene(
-        scene, {}, make_propagator("monte_carlo", samples=16), ContactNoise(), Gates(), 0.0
-    )
-    tracks = (new_track(Filter(np.array(belief.mean[0]), np.array(belief.marginal(0)), 0.0), NONE),)
-    carry = first_members(tracked, belief, tracks)
-    return tracked, State(carry, np.zeros(1), tracks, np.eye(1, dtype=bool))
 
 
 def seen_at(time):
@@ -37,21 +21,8 @@ def seen_at(time):
 UNKNOWN = {"linear_velocity_std": 2.0, "angular_velocity_std": 15.0}
 
 
-def test_two_poses_start_a_body_at_the_first_of_them():
-    tracked, state = begun(**UNKNOWN)
-    assert state.tracks[0].mode is TrackMode.STARTING
-    first = correct_state(tracked, state, 0.0, seen_at(0.0), [])
-    assert isinstance(first, CorrectedState) and first.state.tracks[0].mode is TrackMode.STARTING
-    state = advanced(tracked, first.state, tracked.step(PERIOD))
-    start = correct_state(tracked, state, PERIOD, seen_at(PERIOD), [0.0])
-    assert isinstance(start, Start) and start.free.time == 0.0
-    assert start.free.mean[:6] == pytest.approx([0.0, 0.0, 0.0, SPEED, 0.0, 0.0], abs=0.02)
-    forgotten = correct_state(tracked, state, PERIOD, seen_at(PERIOD), [])
-    assert isinstance(forgotten, CorrectedState) and forgotten.state.tracks[0].mode is TrackMode.PHYSICS
-
-
 def test_a_history_forgets_what_no_later_time_needs():
-    tracked, state = begun(linear_velocity=(SPEED, 0.0, 0.0))
+    tracked, state = begun(free_scene(), 16, box0={"linear_velocity": (SPEED, 0.0, 0.0)})
     history = History(0.0, state)
     for k in range(1, 5):
         history.add(tracked, k * PERIOD, seen_at(k * PERIOD))
@@ -67,7 +38,7 @@ def test_a_history_forgets_what_no_later_time_needs():
 
 
 def test_a_late_measurement_is_applied_before_the_later_ones():
-    tracked, state = begun(linear_velocity=(SPEED, 0.0, 0.0))
+    tracked, state = begun(free_scene(), 16, box0={"linear_velocity": (SPEED, 0.0, 0.0)})
     in_order, late = History(0.0, state), History(0.0, state)
     times = [k * PERIOD for k in (1, 2, 3)]
     for time in times:
@@ -80,7 +51,7 @@ def test_a_late_measurement_is_applied_before_the_later_ones():
 
 
 def test_a_correction_that_fails_leaves_the_history_as_it_was(monkeypatch):
-    tracked, state = begun(**UNKNOWN)
+    tracked, state = begun(free_scene(), 16, box0=UNKNOWN)
     history, untouched = History(0.0, state), History(0.0, state)
     for one in (history, untouched):
         one.add(tracked, 0.0, seen_at(0.0))

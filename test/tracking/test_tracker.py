@@ -1,10 +1,12 @@
 """The tracker beside a Kalman filter, least squares and simulated truths."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plain_scenes import state
 from scipy.spatial.transform import Rotation
-from tracked_scenes import NOISE, SIDE, angle, belief_of, box, free_scene, measured, pose, table_scene
+from tracked_scenes import NOISE, SIDE, angle, belief_of, bodies, box, free_scene, measured, pose, table_scene
 
 from unc_physics import (
     AxialSymmetry,
@@ -35,6 +37,7 @@ UNKNOWN = {
     "angular_velocity_std": 15.0,
 }
 STDS = tuple(UNKNOWN)
+AHEAD = PosePath(times=[0.0, 1.0], positions=[(0, 0, 0), (0, 0, 1)])
 RESTING = pose([0.0, 0.0, SIDE / 2])
 
 
@@ -138,38 +141,22 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_does_not():
 
 
 def test_late_and_reordered_measurements_give_the_bits_of_those_in_order():
+    """And their distances from what was expected then; those before the window have no effect."""
     scene, rng = table_scene(), np.random.default_rng(3)
     belief = belief_of(scene, box0={"position": [0.0, 0.0, 0.1], "linear_velocity": [0.5, 0.0, 0.0]})
     times = np.arange(1, 13) / RATE
     seen = [measured(x[0], rng) for x in simulated(scene, belief.mean, times)]
-    in_order, mixed = Tracker(scene, belief), Tracker(scene, belief)
-    for time, one in zip(times, seen, strict=True):
-        in_order.correct(time, {"box0": one})
+    in_order, mixed = (Tracker(scene, belief, window=0.2) for _ in range(2))
+    distances = [in_order.correct(times[k], {"box0": seen[k]}).distance for k in range(12)]
     order = [0, 2, 1, 3, 7, 4, 5, 6, 8, 11, 10, 9]
-    replayed = [mixed.correct(times[k], {"box0": seen[k]}).replayed for k in order]
-    assert replayed == [0, 0, 1, 0, 0, 1, 1, 1, 0, 0, 1, 2]
-    assert np.array_equal(in_order.samples(), mixed.samples())
-
-
-def test_what_is_older_than_the_window_does_not_count():
-    scene, rng = table_scene(), np.random.default_rng(4)
-    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}), window=0.2)
-    for k in range(1, 16):
-        tracker.correct(k / RATE, {"box0": measured(RESTING, rng)})
-    before = tracker.samples()
-    assert tracker.correct(0.1, {"box0": measured(RESTING, rng)}).too_late
-    assert np.array_equal(tracker.samples(), before)
-    assert not tracker.correct(0.4, {"box0": measured(RESTING, rng)}).too_late
-
-
-def test_bodies_that_never_met_are_not_correlated():
-    scene, rng = table_scene(2), np.random.default_rng(6)
-    known = {"box0": {"position": RESTING[:3]}, "box1": {"position": [0.5, 0.0, SIDE / 2]}}
-    belief = belief_of(scene, **known)
-    alone, both = Tracker(scene, belief), Tracker(scene, belief)
-    alone.predict(1.0 / RATE)
-    both.correct(1.0 / RATE, {"box0": measured(RESTING, rng)})
-    assert np.array_equal(alone.samples()[:, 1], both.samples()[:, 1])
+    reports = [mixed.correct(times[k], {"box0": seen[k]}) for k in order]
+    assert [report.replayed for report in reports] == [0, 0, 1, 0, 0, 1, 1, 1, 0, 0, 1, 2]
+    assert [reports[k].distance for k in (2, 11)] == [distances[k] for k in (1, 9)]
+    before = mixed.samples()
+    assert mixed.correct(0.15, {"box0": seen[0]}).too_late
+    np.testing.assert_array_equal(in_order.samples(), before)
+    np.testing.assert_array_equal(mixed.samples(), before)
+    assert not mixed.correct(0.25, {"box0": seen[6]}).too_late
 
 
 def test_a_hand_is_followed_and_let_go():
@@ -236,27 +223,6 @@ def test_single_outliers_are_rejected_and_a_moved_body_is_found_again():
     assert [report.rejected for report in reports[:3]] == [("box0",)] * 2 + [()]
     assert np.linalg.norm(tracker.belief().mean[0, :3] - moved[:3]) < 3e-3
     assert reports[-1].status["box0"] is TrackStatus.RESTING
-
-
-def test_a_body_that_nothing_explains_is_lost():
-    scene, rng = table_scene(), np.random.default_rng(9)
-    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
-    for k in range(1, 8):
-        far = pose(rng.uniform(1.0, 9.0, 3), Rotation.random(random_state=k).as_quat())
-        report = tracker.correct(k / RATE, {"box0": measured(far, rng)})
-    assert report.lost == ("box0",)
-    assert report.status["box0"] is TrackStatus.LOST
-
-
-def test_an_occluded_body_coasts():
-    scene = table_scene()
-    belief = belief_of(scene, box0={"position": [0.0, 0.0, 2.0], "linear_velocity": [0.0, 0.0, 1.0]})
-    tracker = Tracker(scene, belief)
-    tracker.correct(0.1, {"box0": measured(pose([0.0, 0.0, 2.051]), np.random.default_rng(0))})
-    assert tracker.status("box0") is TrackStatus.TRACKED
-    tracker.predict(0.5)
-    assert tracker.status("box0") is TrackStatus.COASTING
-    assert tracker.belief().mean[0, 2] == pytest.approx(2.0 + 0.5 - 0.5 * 9.81 * 0.25, abs=0.03)
 
 
 def test_a_symmetric_body_is_folded_to_the_nearest_pose():
@@ -466,6 +432,30 @@ def test_parameters_are_named_as_their_bodies_and_elements():
             r"^name names no moving body of the scene, whose moving bodies are: 'box0' \(got 'nope'\)",
         ),
         (lambda t: AxialSymmetry([0.0, 0.0, 0.0]), "axis"),
+        (
+            lambda t: t.add(RigidBody("b", box(), 0.3, mass_std=0.1), BodyBelief()),
+            "body must have no uncertain parameters when it is added",
+        ),
+        (
+            lambda t: t.add(RigidBody("b", box(), 0.3, center_of_mass_std=0.01), BodyBelief()),
+            "center_of_mass cannot be uncertain in a tracker",
+        ),
+        (
+            lambda t: Tracker(replace(t.scene, overlap="reject"), t.belief()),
+            r"overlap must be 'project' or 'keep' in a tracker \(got 'reject'\)",
+        ),
+        (
+            lambda t: Tracker(
+                replace(t.scene, bodies=[*bodies(1), RigidBody("b", box(), 1.0, mass_std=0.1)]),
+                belief_of(table_scene(2), box0={}, box1={"position": (1, 0, 1)}),
+            ).remove("b"),
+            "body 'b' must have no uncertain parameters to be removed",
+        ),
+        *(
+            (lambda t, name=name: t.act({name: AHEAD}), f"paths is no prescribed body of the scene.*'{name}'")
+            for name in ("box0", "table")
+        ),
+        (lambda t: t.correct(0.1, {"box0": RelativePoseMeasurement("cup", RESTING, NOISE)}), "another body"),
     ],
 )
 def test_bad_input_names_field_and_value(call, words):
@@ -473,35 +463,6 @@ def test_bad_input_names_field_and_value(call, words):
     tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
     with pytest.raises(UncPhysicsError, match=words):
         call(tracker)
-
-
-def test_contact_noise_grows_with_the_impulse_of_contacts():
-    scene = table_scene()
-    sliding = belief_of(scene, box0={"position": RESTING[:3], "linear_velocity": [1.0, 0.0, 0.0]})
-    spreads = []
-    for v in (0.0, 0.1):
-        tracker = Tracker(scene, sliding, noise=ContactNoise(velocity=v, lasting=0.4))
-        tracker.predict(1.0 / RATE)
-        spreads.append(tracker.samples()[:, 0, 4].var(ddof=1))
-    # the impulse per mass that carries the weight for a thirtieth of a second
-    assert spreads[1] - spreads[0] == pytest.approx(0.1**2 * 0.4 * 9.81 / RATE, rel=0.5)
-
-
-def test_a_late_measurement_has_its_own_distance():
-    scene, rng = table_scene(), np.random.default_rng(17)
-    belief = belief_of(scene, box0={"position": RESTING[:3]})
-    far = measured(pose([0.01, 0.0, SIDE / 2]), rng)
-    others = {k: measured(RESTING, rng) for k in (1, 2, 4, 5)}
-    in_order, late = Tracker(scene, belief), Tracker(scene, belief)
-    for k in (1, 2):
-        in_order.correct(k / RATE, {"box0": others[k]})
-    expected = in_order.correct(3 / RATE, {"box0": far}).distance["box0"]
-    for k, one in others.items():
-        late.correct(k / RATE, {"box0": one})
-    report = late.correct(3 / RATE, {"box0": far})
-    assert report.replayed == 2
-    assert expected > 3.0
-    assert report.distance["box0"] == expected
 
 
 def test_a_prediction_does_not_blame_the_first_belief():
@@ -568,24 +529,6 @@ def test_a_can_that_tumbles_in_the_air_starts_from_poses_alone():
     assert found.mean[0, 10] == pytest.approx(3.0, abs=0.4)
 
 
-def test_two_alike_bodies_that_meet_are_not_swapped():
-    scene = table_scene(2, friction=0.3)
-    start = np.array([state(RESTING[:3], [0.8, 0.0, 0.0]), state([0.16, 0.01, SIDE / 2], [0.0, 0.0, 0.0])])
-    times = np.arange(1, 25) / RATE
-    truth, rng = simulated(scene, start, times), np.random.default_rng(21)
-    known = {f"box{k}": {"position": start[k, :3], "linear_velocity": start[k, 3:6]} for k in range(2)}
-    tracker = Tracker(scene, belief_of(scene, **known))
-    gaps = np.linalg.norm(truth[:, 0, :3] - truth[:, 1, :3], axis=1)
-    assert gaps.min() < SIDE + 3e-3
-    for n, (time, x) in enumerate(zip(times, truth, strict=True)):
-        swapped = n % 6 == 5
-        seen = {f"box{k}": measured(x[1 - k if swapped else k], rng) for k in range(2)}
-        report = tracker.correct(time, seen)
-        assert (min(report.distance.values()) > 10.0) is swapped
-        assert np.linalg.norm(tracker.belief().mean[:, :3] - x[:, :3], axis=1).max() < 6e-3
-        assert TrackStatus.CARRIED not in report.status.values()
-
-
 def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it():
     scene = table_scene(3, friction=0.3)
     row = [0.0, SIDE + 0.05, 2.0 * SIDE + 0.06]  # the middle one is hidden by the others
@@ -607,19 +550,6 @@ def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it():
     assert error @ np.linalg.solve(P, error) < 16.3  # 99.9 %
     assert np.sqrt(P[0, 0]) < 0.6 * np.sqrt(other.marginal(1)[0, 0])
     assert tracker.status("box1") in (TrackStatus.COASTING, TrackStatus.RESTING)
-
-
-def test_the_air_is_no_contact():
-    light = RigidBody("box0", box(), 0.01, drag=0.01)  # falls with 4 m/s at most
-    scene = Scene.everyday([light], exact=True, environment=[Plane(name="table")])
-    known = {"position": [0.0, 0.0, 3.0], "linear_velocity": [1.0, 0.0, -3.5]}
-    plain, noisy = (
-        Tracker(scene, belief_of(scene, box0=known), noise=ContactNoise(velocity=v)) for v in (0.0, 0.1)
-    )
-    for tracker in (plain, noisy):
-        tracker.predict(0.3)
-    assert plain.belief().mean[0, 5] > -4.1
-    assert np.array_equal(plain.samples(), noisy.samples())
 
 
 def test_bodies_at_rest_touch_what_they_rest_on():

@@ -5,7 +5,23 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from unc_physics import Belief, BodyBelief, Plane, PoseMeasurement, RigidBody, Scene, rounded_box
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    ContactNoise,
+    Plane,
+    PoseMeasurement,
+    RigidBody,
+    Scene,
+    make_propagator,
+    rounded_box,
+    with_stiffness,
+)
+from unc_physics.tracking.ensemble import Gates
+from unc_physics.tracking.hypotheses import Filter, new_track
+from unc_physics.tracking.members import first_members
+from unc_physics.tracking.state import State, TrackedScene
+from unc_physics.tracking.symmetry import NONE
 
 #: Standard deviations of a measured pose [m], [rad].
 NOISE = np.r_[np.full(3, 2e-3), np.full(3, 0.02)]
@@ -59,3 +75,17 @@ def measured(state, rng, noise=NOISE):
 def angle(a, b):
     """Angle between two quaternions [rad]."""
     return (Rotation.from_quat(a).inv() * Rotation.from_quat(b)).magnitude()
+
+
+def begun(scene, samples=64, seed=0, **known):
+    """A tracked scene and its state at time 0."""
+    belief = belief_of(scene, **known)
+    scene = with_stiffness(scene, belief.mean)
+    propagator = make_propagator("monte_carlo", samples=samples, seed=seed)
+    tracked = TrackedScene(scene, {}, propagator, ContactNoise(), Gates(), 0.0)
+    tracks = tuple(
+        new_track(Filter(np.array(belief.mean[body]), np.array(P), 0.0), NONE)
+        for body, P in zip(belief.moving, belief.blocks, strict=True)
+    )
+    carry = first_members(tracked, belief, tracks)
+    return tracked, State(carry, np.zeros(len(scene.bodies)), tracks, np.eye(len(tracks), dtype=bool))
