@@ -1,12 +1,16 @@
 """Memory is asked for before it is taken."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
+from example_scenes import parts_of
 
 from unc_physics import Belief, RigidBody, Scene, load_model, make_propagator, predict
 from unc_physics.checks import memory
 from unc_physics.checks.errors import InvalidOptionError, LimitExceededError
 from unc_physics.checks.memory import available_memory, require_memory
+from unc_physics.prediction import request_checks
 
 
 def test_what_is_there_is_granted_and_what_is_not_is_refused_with_both_numbers(monkeypatch):
@@ -44,3 +48,26 @@ def test_predictions_that_do_not_fit_are_refused_at_once(monkeypatch, integrator
         predict(scene, belief, make_propagator("monte_carlo", samples=1), 1.0, times=np.arange(1, 99) * 0.01)
     with pytest.raises(LimitExceededError, match="moving bodies must be less"):
         many(3000)[1].with_common_pose_std([0.01] * 6)
+
+
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+@pytest.mark.parametrize(("bodies", "samples"), [(4, 1000), (30, 20)])
+def test_the_estimate_is_about_the_bytes_of_a_prediction(monkeypatch, integrator, bodies, samples):
+    """Of the arrays that it returns, for many times, and of what it takes while it runs, for one."""
+    asked = []
+    monkeypatch.setattr(request_checks, "require_memory", lambda needed, *_: asked.append(needed))
+    scene, belief = many(bodies, integrator=integrator)
+    propagator = make_propagator("monte_carlo", samples=samples)
+    for times in (1, 21):
+        prediction = predict(scene, belief, propagator, times=0.01 * np.arange(1, times + 1))
+    arrays = {
+        id(array): array.nbytes
+        for one in prediction.snapshots
+        for array in (*parts_of(one.carry), one.belief.covariance)
+    }
+    assert asked[1] - asked[0] == pytest.approx(sum(arrays.values()) * 20.0 / 21.0, rel=0.5)
+    tracemalloc.start()
+    predict(scene, belief, propagator, 0.01)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert 0.5 < asked[0] / peak < 2.5

@@ -25,7 +25,7 @@ from unc_physics import (
     Upright,
     load_model,
 )
-from unc_physics.prediction.events import RolloutOutcomes
+from unc_physics.prediction.events import RolloutOutcomes, checked_events
 
 TABLE = -0.5
 SHELF = Box((0.4, 0.2, 0.02), (0.0, 0.0, -0.01), name="shelf")
@@ -36,6 +36,11 @@ SCENE = Scene.everyday(
 )
 BELIEF = Belief.of(SCENE, {"box": BodyBelief()})
 ON_SHELF = InRegion("box", ABOVE)
+WITH_POSTS = replace(
+    SCENE,
+    bodies=[*SCENE.bodies, *(RigidBody(name, BOX, fixed=True) for name in ("post", "pole"))],
+    environment=[*SCENE.environment, Plane(normal=(1.0, 0.0, 1.0), name="slope")],
+)
 
 
 def test_events_are_what_they_say():
@@ -133,20 +138,46 @@ def test_margins_are_medians_of_scaled_distances():
         assert margin == (None if expected is None else pytest.approx(expected)), str(event)
 
 
-def test_events_refuse_what_they_cannot_be():
-    for make, words in (
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
         (lambda: Upright("box", angle=0.0), "angle must be positive"),
+        (lambda: Upright("box", angle=3.2), "angle must be at most pi"),
         (lambda: Upright("box", axis=(0.0, 0.0, 0.0)), "axis must have a direction"),
         (lambda: FellOff("box", "shelf", drop=1.0), "drop must not be given beside support"),
+        (lambda: FellOff("box", drop=0.0), "drop must be positive"),
         (lambda: AtRest("box", speed=-1.0), "speed must be positive"),
+        (lambda: AtRest("box", angular_speed=0.0), "angular_speed must be positive"),
         (lambda: InRegion("box", "above"), "region must be a BoxRegion, not a str"),
         (lambda: ON_SHELF & True, "must be an Event, not a bool"),
-    ):
-        with pytest.raises(UncPhysicsError, match=words):
-            make()
-    slope = replace(SCENE, environment=[Plane(normal=(1.0, 0.0, 1.0), name="slope")])
-    with pytest.raises(UncPhysicsError, match="support is a plane that is not level"):
-        FellOff("box", "slope").check(slope, "score")
+        (lambda: ON_SHELF | 1.0, "must be an Event, not a float"),
+        (lambda: checked_events(3, SCENE), "events must be a sequence of Event"),
+        (lambda: checked_events([ON_SHELF, "x"], SCENE), r"events\[1\] must be an Event, not a str"),
+        *(
+            (lambda event=event: checked_events([ON_SHELF, event], WITH_POSTS), rf"events\[1\]\.{words}")
+            for event, words in (
+                (Upright("cup"), "object names no body"),
+                (Upright("cup") & Upright("box"), "object names no body"),
+                (Upright("box") | Upright("cup"), "object names no body"),
+                (~Touches("box", "cup"), "other is neither a body"),
+                (Touches("box", "box"), "other must be another one"),
+                (Touches("post", "pole"), "other is nothing that 'post' can touch"),
+                (Touches("post", "shelf"), "other is nothing that 'post' can touch"),
+                (FellOff("box", "box"), "support must be another one"),
+                (FellOff("box", "cup"), "support is neither a body"),
+                (FellOff("box", "slope"), "support is a plane that is not level"),
+            )
+        ),
+    ],
+)
+def test_events_refuse_what_they_cannot_be(make, words):
+    with pytest.raises(UncPhysicsError, match=words):
+        make()
+
+
+def test_a_body_that_moves_may_touch_one_that_does_not():
+    for event in (Touches("post", "box"), Touches("box", "pole"), Touches("box", "slope")):
+        assert checked_events(iter([event]), WITH_POSTS) == (event,)
 
 
 @pytest.mark.parametrize("combine", [lambda a, b: a and b, lambda a, b: a or b, lambda a, b: not a])

@@ -9,9 +9,12 @@ import pytest
 from plain_scenes import BALL, PLATE, G, ball, energy, independent, lowest, state
 from scipy.spatial.transform import Rotation
 
-from unc_physics import Belief, Plane, RigidBody, Scene, Status, make_propagator, predict
-from unc_physics.prediction.diagnostics import RULES, judged, measures_of, raised
+from unc_physics import Belief, Plane, RigidBody, Scene, Status, assess, make_propagator, predict
+from unc_physics.prediction.diagnosis import is_inconclusive, may_miss, sampled_snapshots
+from unc_physics.prediction.diagnostics import RULES, judged, mean_pose_errors, measures_of, raised
+from unc_physics.prediction.driver import wide_states
 from unc_physics.prediction.evidence import Evidence, initial_diagnostics
+from unc_physics.scene.marks import mark_at
 from unc_physics.spatial.moments import pose_spreads
 
 LARGE = ball(0.08)
@@ -190,11 +193,12 @@ def point_turn(value):
 
 
 def compared(value, below=False):
-    """Evidence with spreads of rollouts; those of the other body are less than 0.1 mrad, or nearly right."""
+    """Evidence with spreads of rollouts: a factor for one body, and 1.3 times the floor of another."""
     found = on_floor()
     P = blocks(2, position=spread((0.01, 0.02, 0.03)), rotation=[spread((0.1, 0.2, 0.3)), np.zeros((3, 3))])
-    factors = [[1.0, 1.0 / value if below else value], [1.3, 1.0]]
-    return replace(believing(found, P=P), spreads=pose_spreads(P) * factors + [[0.0, 0.0], [0.0, 9e-5]])
+    P[1, :3, :3] = 0.0
+    spreads = pose_spreads(P) * [[1.0, 1.0 / value if below else value], [0.0, 0.0]]
+    return replace(believing(found, P=P), spreads=spreads + [[0.0, 0.0], [1.3 * 8e-6, 9e-5]])
 
 
 @case(2.0, OUTSIDE, of=(True, False))
@@ -451,3 +455,110 @@ def test_a_body_that_does_not_move_has_no_measures():
     belief = Belief([state(), state((1, 0, 0))], np.zeros((1, 12, 12)), [1])
     fixed, free = measures_of(evidence_of(scene, belief, "linearization"))
     assert not fixed and free
+
+
+# -- the comparison with rollouts --------------------------------------------------------------------
+
+
+def test_spreads_below_their_floors_are_alike():
+    """The floors are 0.1 mrad, and as much of the radius."""
+    for below in (False, True):
+        assert compared(2.5, below).spread_factors == pytest.approx(np.array([[1.0, 2.5], [1.3, 1.0]]))
+    (reason,) = judged(compared(2.5), 0, {"spread_disagreement": 2.5}).reasons
+    assert f"rotation {0.14**0.5:.3g} rad predicted, {2.5 * 0.14**0.5:.3g} rad in rollouts; " in reason
+    (reason,) = judged(compared(2.5), 1, {"spread_disagreement": 2.5}).reasons
+    assert "position 0 m predicted, 1.04e-05 m in rollouts (less than 8e-06 m counts as 8e-06 m)" in reason
+
+
+@pytest.mark.parametrize(
+    ("factor", "since", "inconclusive"),
+    [
+        (1.39, (np.inf, np.inf), False),
+        (1.41, (np.inf, np.inf), True),
+        (2.69, (np.inf, np.inf), True),
+        (2.71, (np.inf, np.inf), False),
+        (1.39, (np.inf, 0.1), True),  # by the 1.3 of the other body
+        (1.39, (0.1, np.inf), True),
+        (1.09, (0.1, np.inf), False),
+        (2.71, (0.1, np.inf), False),
+    ],
+)
+def test_a_comparison_is_inconclusive_if_any_body_s_is(factor, since, inconclusive):
+    evidence = compared(factor)
+    assert is_inconclusive(knowing(evidence, uncertain_since=np.array(since))) == inconclusive
+    assert not is_inconclusive(knowing(replace(evidence, spreads=None), uncertain_since=np.array(since)))
+
+
+def test_an_inconclusive_comparison_is_of_all_rollouts():
+    """A ball that meets a wall or not, by linearization; the spread is that of 12 and 24 more rollouts."""
+    bodies = [RigidBody("a", BALL, 1.0), RigidBody("b", LARGE, 1.0)]
+    scene = Scene(bodies, dt=1e-3, stiffness=1e6)
+    belief = independent(
+        state((0, 0, 0), (1, 0, 0)), state((0.3, 0.125, 0)), position=(0, 0.01, 0), velocity=0.02
+    )
+    prediction = predict(scene, belief, "linearization", 0.5)
+    few, more = (
+        sampled_snapshots(prediction.scene, belief, [mark_at(0.5, 1e-3)], count, seed)[0].rollout_states
+        for count, seed in ((12, 0), (24, 1))
+    )
+
+    def factor(*states):
+        variances = [len(x) * x[:, :, :3].var(axis=0).sum(axis=1) for x in states]
+        std = np.sqrt(sum(variances) / sum(map(len, states)))
+        own = pose_spreads(prediction.belief.blocks)[:, 0]
+        return np.maximum(std / own, own / std)
+
+    assert ((1.4 < factor(few)) & (factor(few) < 2.7)).any(), "the case must be inconclusive"
+    found = [status.measures["spread_disagreement"] for status in assess(prediction)]
+    assert found == pytest.approx(np.maximum(factor(few, more), 1.0), rel=1e-6)
+    assert found != pytest.approx(factor(few), rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("propagator", "options", "physics", "std", "searched"),
+    [
+        ("cloud", {}, {}, 1e-3, True),
+        ("cloud", {}, {}, 0.0, False),
+        ("linearization", {}, {}, 1e-3, False),
+        ("monte_carlo", {"samples": 999}, {}, 1e-3, True),
+        ("monte_carlo", {"samples": 1000}, {}, 1e-3, False),
+        ("sigma_points", {}, {"integrator": "explicit", "dt": 0.01}, 1e-3, False),
+    ],
+)
+def test_rare_outcomes_are_searched_for_where_few_rollouts_may_miss_them(
+    propagator, options, physics, std, searched
+):
+    scene = Scene([RigidBody("a", BALL, 1.0)], **{"integrator": "implicit", "dt": 0.01} | physics)
+    prediction = predict(
+        scene, independent(state(), position=std), make_propagator(propagator, **options), 0.01
+    )
+    assert may_miss(prediction) == searched
+
+
+@pytest.mark.parametrize(("count", "drawn"), [(10, 10), (40, 24)])
+def test_wide_rollouts_have_twice_the_spread_at_each_mark(count, drawn):
+    bodies = [RigidBody("a", BALL, 1.0), RigidBody("b", LARGE, 1.0)]
+    scene = Scene(bodies, integrator="implicit", dt=0.01, stiffness=1e5)
+    belief = independent(
+        state((0, 0, 0), (1, 0, 0)), state((5, 0, 0), (0, 2, 0)), position=(0.01, 0.02, 0.03)
+    )
+    marks = [mark_at(time, 0.01) for time in (0.1, 0.3)]
+    for mark, states in zip(marks, wide_states(scene, belief, marks, count), strict=True):
+        assert states is not None and states.shape == (drawn, 2, 13)
+        mean = [[mark.time, 0, 0], [5, 2 * mark.time, 0]]
+        assert states[:, :, :3].mean(axis=0) == pytest.approx(np.array(mean), abs=0.02)
+        assert states[:, :, :3].std(axis=0) == pytest.approx(np.tile([0.02, 0.04, 0.06], (2, 1)), rel=1e-6)
+
+
+def test_the_mean_pose_has_the_errors_of_what_it_touches():
+    """Standard errors along one axis, of two balls that touch each other and of a third one."""
+    bodies = [RigidBody(name, model, 1.0) for name, model in zip("abc", (BALL, LARGE, BALL), strict=True)]
+    scene = Scene.everyday(bodies, exact=True, gravity=None, environment=[Plane(offset=-9.0)])
+    belief = independent(*(state((x, 0, 0)) for x in (0.0, 5.0, 9.0)), position=0.01, rotation=0.1)
+    found = evidence_of(scene, belief, "monte_carlo", samples=100)
+    touched = np.zeros((3, 4), bool)
+    touched[0, 1] = touched[1, 3] = True
+    position, rotation = pose_spreads(found.snapshot.belief.blocks).T / 10.0
+    own = (position**2 + (np.array([0.05, 0.08, 0.05]) * rotation) ** 2) / 3.0
+    expected = np.sqrt(own + [own[1], own[0], 0.0])
+    assert mean_pose_errors(knowing(found, touched=touched)) == pytest.approx(expected)

@@ -27,7 +27,6 @@ _COPIES = 2  # of the rollouts' memory: each piece of a prediction begins with a
 _MATRICES = 4  # as large as the joint covariance, while a belief is made of states
 _PAIR = 150  # bytes of each pair of things in a rollout's workspace
 _REMEMBERED = 32  # bytes of a contact that a rollout remembers
-_USUAL_CONTACTS = 8  # of a body, that each time's state holds
 
 
 def periodic_times(scene: Scene, period: float, horizon: float, field: str = "period") -> list[float]:
@@ -155,10 +154,9 @@ def check_memory(scene: Scene, belief: Belief, propagator: Propagator, times: in
     rollouts = propagator.own_sample_count if own else propagator.most_rollouts(scene, belief)
     state = _NUMBER * STATE * bodies
     remembered = _SHORT * bodies * things
-    kept = remembered + state
     if scene.integrator == "implicit":
         remembered += bodies * (_REMEMBERED * REMEMBERED_CONTACTS + 10 * _NUMBER)
-        kept += bodies * (_REMEMBERED * _USUAL_CONTACTS + 10 * _NUMBER)
+    kept = remembered + state
     errors = _NUMBER * ERROR * len(scene.moving)
     covariance = _NUMBER * (ERROR * len(scene.moving)) ** 2
     of_times = times * (covariance + rollouts * kept)
