@@ -122,4 +122,4 @@ def test_laws_of_contacts_stay_where_a_flight_is_not_known(physics, body, idle):
     assert (without_idle_parts(scene, belief, 0.1) is not scene) == idle
     if "damping" in physics or not physics | body:
         left_out = predict(scene, belief, "linearization", 0.1).left_out
-        assert left_out == (() if idle else ("friction_std", "impact_direction_std"))
+        assert left_out == (() if idle else ("impact_direction_std",))

@@ -20,7 +20,7 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
         Number of rollouts to compare the spread with; 0 for none. A single nominal rollout is compared
         if there is something to touch, or a gyroscopic term. Pairs of points are compared if they touched
         something and are uneven or many, or may have turned by half a turn. If spreads differ by a factor of
-        1.4 to 2.7, or of 1.1 to 2.7 with doubtful contacts, 24 more rollouts decide, unless there are 36.
+        1.4 to 2.7, 24 more rollouts decide, unless there are 36.
         With 0, contacts of a single nominal rollout are flagged as unchecked.
 
     Returns
