@@ -1,7 +1,7 @@
-"""The prediction node with a parameter file; RViz, a page in the browser and the lifecycle on request.
+"""The prediction node with a parameter file; RViz and the lifecycle on request.
 
 ros2 launch unc_physics predict.launch.py [params_file:=FILE] [namespace:=NAME] [use_sim_time:=true]
-    [lifecycle:=true [autostart:=false]] [rviz:=true] [view:=true]
+    [lifecycle:=true [autostart:=false]] [rviz:=true]
 """
 
 from pathlib import Path
@@ -30,7 +30,6 @@ ARGUMENTS = {
         "true: the lifecycle node is configured and activated; false: someone else does it",
     ),
     "rviz": ("false", "true: show predictions in RViz"),
-    "view": ("false", "true: show what is streamed on a page in the browser"),
 }
 
 
@@ -80,11 +79,6 @@ def generate_launch_description():
                 arguments=["-d", str(CONFIG / "predict.rviz")],
                 parameters=[sim_time],
                 condition=IfCondition(arguments["rviz"]),
-            ),
-            Node(
-                executable="unc_physics_view",
-                condition=IfCondition(arguments["view"]),
-                **common | {"name": "unc_physics_view"},
             ),
         ]
     )

@@ -1,7 +1,6 @@
 """Files that users start from: parameters, documents, launch files, examples."""
 
 import re
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,13 +9,12 @@ import numpy as np
 import pytest
 import yaml
 from message_fields import element_type, message_type
-from running import ANSWER_TIMEOUT, Inbox, NodeProcess
+from running import ANSWER_TIMEOUT, NodeProcess
 from scenes import assert_answered
 
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.parameters import parameter_file
 from unc_physics_msgs import srv
-from unc_physics_msgs.msg import Prediction
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -100,19 +98,3 @@ def test_release_poses_over_the_bin_s_middle_are_better_than_those_beside_it(nod
     assert len(shares) == 6
     assert shares["0.00"] == 100 and shares["0.20"] == 0
     assert 5 < shares["0.14"] < 95
-
-
-def test_the_demo_s_stream_is_predicted(client):
-    with (
-        NodeProcess("--params-file", str(ROOT / "config" / "demo.yaml"), name="streamed"),
-        Inbox(client, Prediction, "/streamed/predictions") as inbox,
-    ):
-        remapped = ["--ros-args", "-r", "/unc_physics/scene:=/streamed/scene"]
-        stream = subprocess.Popen([sys.executable, "-m", "unc_physics.ros.demo_stream", *remapped])
-        try:
-            message = inbox.next()
-        finally:
-            stream.send_signal(signal.SIGTERM)
-            assert stream.wait(ANSWER_TIMEOUT) == 0
-    assert [predicted.id for predicted in message.objects] == ["carton", "can"]
-    assert len(message.objects[0].states) == 4

@@ -57,17 +57,10 @@ def test_arguments_that_make_no_sense_end_the_node_with_a_sentence(arguments, wo
 
 
 @pytest.mark.parametrize(
-    ("module", "program"),
-    [
-        ("node", "unc_physics_node"),
-        ("lifecycle_node", "unc_physics_lifecycle_node"),
-        ("view_node", "unc_physics_view"),
-    ],
+    ("module", "program"), [("node", "unc_physics_node"), ("lifecycle_node", "unc_physics_lifecycle_node")]
 )
 @pytest.mark.parametrize("flag", ["-h", "--help"])
 def test_help_is_printed_in_place_of_a_node(module, program, flag, capsys, monkeypatch):
-    if module == "view_node":
-        pytest.importorskip("viser", reason="the extra 'view' is not installed")
     started = importlib.import_module(f"unc_physics.ros.{module}")
     monkeypatch.setattr(started, "leave", sys.exit)  # which ends pytest otherwise
     monkeypatch.setattr(sys, "argv", [program, flag])

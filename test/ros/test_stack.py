@@ -280,7 +280,6 @@ def test_the_status_of_a_users_updater_is_published_beside_the_nodes(client):
     [
         ("predict.launch.py", ["lifecycle:=true", "namespace:=arm"], "/arm/unc_physics"),
         ("robots.launch.py", ["robots:=left,right"], "/right/unc_physics"),
-        ("demo.launch.py", ["rviz:=false", "view:=true"], "/unc_physics"),
     ],
 )
 def test_launch_files(client, tmp_path, file, arguments, name):
@@ -299,11 +298,8 @@ def test_launch_files(client, tmp_path, file, arguments, name):
             state = client.call(GetState, f"{name}/get_state", GetState.Request()).current_state
             assert state.label == "active"
         answer = client.predict(good_request(), node=name.removeprefix("/"))
-        output, wanted = "", "shows the scene" if "view:=true" in arguments else ""
-        while wanted not in output:
-            output += process.stdout.readline()
         process.send_signal(signal.SIGINT)  # launch leaves its nodes alone at SIGTERM
-        output += process.communicate(timeout=60.0)[0]
+        output = process.communicate(timeout=60.0)[0]
     assert found, output
     assert output.count("process has finished cleanly") == output.count("process started with pid")
     assert_answered(answer)

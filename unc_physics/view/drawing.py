@@ -37,12 +37,7 @@ class Drawing:
         self._page, self._meshes = server.scene, meshes or {}
         self._ghosts_shown = self._ellipsoids_shown = True
         self._frame = 0
-        self._drawing = threading.RLock()  # the time line runs while scenes arrive and sliders move
-        self._draw(scene, frames)
-        _look(server, *bounds_of(scene, frames))
-
-    def _draw(self, scene, frames):
-        """Draw the whole scene on an empty page."""
+        self._drawing = threading.RLock()  # the time line runs while sliders move
         self.scene, self.frames = scene, frames
         low, high = bounds_of(scene, frames)
         self._page.configure_default_lights(cast_shadow=False)  # much faster without a GPU
@@ -52,6 +47,7 @@ class Drawing:
         self._ellipsoids: list[list[Any]] = [[] for _ in scene.bodies]
         self._time = self._page.add_label("/time", "", position=_above(low, high), anchor="bottom-center")
         self.show(self._frame)
+        _look(server, low, high)
 
     def _draw_environment(self, low, high):
         extent = _WORLD * float((high - low).max())
@@ -119,13 +115,9 @@ class Drawing:
     def _color(self, k):
         return tuple(round(255 * part) for part in body_color(k, self.scene.bodies[k].fixed))
 
-    def replace(self, scene: Scene, frames: AnimationFrames) -> None:
-        """Show another prediction, possibly with other objects."""
+    def replace(self, frames: AnimationFrames) -> None:
+        """Show another prediction of the scene."""
         with self._drawing:
-            if _things(scene) != _things(self.scene):
-                self._page.reset()
-                self._draw(scene, frames)
-                return
             count = self.frames.ghost_positions.shape[1]
             self.frames = frames
             if frames.ghost_positions.shape[1] != count:
@@ -189,12 +181,6 @@ class Drawing:
 def _single(vertices, faces):
     """Return a mesh in the types that viser sends."""
     return vertices.astype(np.float32), faces.astype(np.uint32)
-
-
-def _things(scene):
-    """Return the drawn objects of a scene without poses; models compare by identity."""
-    bodies = [(body.name, id(body.model), body.free) for body in scene.bodies]
-    return bodies, [repr(element) for element in scene.environment]
 
 
 def bounds_of(scene: Scene, frames: AnimationFrames) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 
 from ..checks.errors import UncPhysicsError
-from ..scene.belief import Belief
-from ..scene.scene import Scene
 from .adjusting import LABELS
 from .drawing import Drawing
 from .session import Session
@@ -116,7 +114,7 @@ class Page:
                 frames = self._session.predict()
                 if self._closed.is_set():
                     return
-                self._drawing.replace(self._session.scene, frames)
+                self._drawing.replace(frames)
                 self._summary.content = self._session.summary()
             except UncPhysicsError as error:
                 self._summary.content = f"**not predicted**: {error}"
@@ -135,11 +133,6 @@ class Page:
         slower = float(self._speed.value.removeprefix("1/"))
         last = self._frame() == len(times) - 1
         return max(slower * float(times[-1]) / max(len(times) - 1, 1), _FASTEST) + (0.7 if last else 0.0)
-
-    def follow(self, scene: Scene, belief: Belief) -> None:
-        """Show another scene from now on; choices and adjustments are kept."""
-        self._session.follow(scene, belief)
-        self._wanted.set()
 
     def close(self) -> None:
         """Stop the page."""

@@ -43,7 +43,7 @@ class Session:
     def __init__(
         self, scene: Scene, belief: Belief, horizon: float, propagator: Propagator, frames: int, ghosts: int
     ):
-        self.scene, self._given, self._horizon = scene, (scene, belief), horizon
+        self.scene, self._belief, self._horizon = scene, belief, horizon
         self._frames, self._ghosts = frames, ghosts
         self._chosen = propagator
         self._values: dict[str, float] = {}
@@ -56,10 +56,6 @@ class Session:
         """Names of propagators that support the scene's integrator."""
         names = [name for name, kind in PROPAGATORS.items() if self.scene.integrator in kind.integrators]
         return names if self.propagator.name in names else [self.propagator.name, *names]
-
-    def follow(self, scene: Scene, belief: Belief) -> None:
-        """Predict another scene from now on; choices and adjustments are kept."""
-        self._given = scene, belief
 
     def choose(self, name: str) -> None:
         """Use another propagator from now on; the initial one keeps its options."""
@@ -75,8 +71,7 @@ class Session:
 
     def predict(self) -> AnimationFrames:
         """Predict the current scene with the current choices and adjustments."""
-        self.scene, belief = self._given
-        scene, belief = adjusted(self.scene, belief, self._values)
+        scene, belief = adjusted(self.scene, self._belief, self._values)
         steps = max(round(self._horizon / scene.dt), 1)
         marks = np.unique(np.linspace(0, steps, self._frames).round().astype(int))[1:]
         times = (marks * scene.dt).tolist()
