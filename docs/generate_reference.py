@@ -90,8 +90,9 @@ TOPICS = {
     ),
     "ros_client": (
         "Python: ROS client",
-        "Calls of the node with the library's own scenes, beliefs and predictions.",
-        "ros.Client ros.TrackedBody ros.TrackedPrediction ros.request_of_planning_scene",
+        "Messages from names and numbers, and calls of the node that return messages.",
+        """ros.Client ros.object_state ros.environment ros.prediction_request ros.make_message ros.poses_of
+        ros.request_of_planning_scene""",
     ),
 }
 PHYSICS_KEYS = ("integrator", "dt", "gravity", "damping", "friction", "restitution", "gyroscopic")

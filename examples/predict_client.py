@@ -1,33 +1,33 @@
 """Asks the node where a can on its way to a brick will be: the smallest client in Python.
 
 Start the node first (`ros2 run unc_physics unc_physics_node`, or `python -m unc_physics.ros.node`), then run
-this. The same scene, belief and arguments make `unc_physics.predict` answer without a node.
+this.
 """
 
 import numpy as np
 
-from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model
-from unc_physics.ros import Client
+from unc_physics.ros import Client, object_state, poses_of, prediction_request
+from unc_physics_msgs.msg import ObjectState
+
+TIMES = [0.1, 0.2, 0.3, 0.4, 0.5]  # s
 
 
 def main() -> None:
-    can = RigidBody("can", load_model("can").prefix(500))  # with the mass of its model
-    brick = RigidBody("brick", load_model("brick").prefix(500), fixed=True)
-    scene = Scene.everyday([can, brick])
-    moves = BodyBelief(
-        position=(-0.2, 0.0, 0.01),
-        linear_velocity=(0.5, 0.0, 0.0),
-        position_std=0.005,
-        orientation_std=0.02,
-        linear_velocity_std=0.05,
+    can = object_state(
+        "can",
+        "can",  # with the mass of its model
+        pose=(-0.2, 0.0, 0.01),  # of the model's own origin [m]
+        covariance=np.square([0.005, 0.005, 0.005, 0.02, 0.02, 0.02]),  # m, rad, about fixed axes
+        twist=(0.5, 0.0, 0.0, 0.0, 0.0, 0.0),  # m/s, rad/s
+        spheres=500,
     )
-    belief = Belief.of(scene, {"can": moves, "brick": BodyBelief()})
+    brick = object_state("brick", "brick", pose=(0.0, 0.0, 0.0), kind=ObjectState.FIXED, spheres=500)
+    request = prediction_request([can, brick], TIMES[-1], times=TIMES[:-1], propagator="sigma_points")
 
     with Client() as client:
-        prediction = client.predict(scene, belief, "sigma_points", times=[0.1, 0.2, 0.3, 0.4, 0.5])
-    path = prediction.trajectory("can")
-    for time, position, std in zip(path.times, path.positions, path.position_stds, strict=True):
-        print(f"{time:.1f} s: {row(position)} m +- {row(std)} m")
+        prediction = client.predict(request)
+    for time, pose, covariance in zip(TIMES, *poses_of(prediction)["can"], strict=True):
+        print(f"{time:.1f} s: {row(pose[:3])} m +- {row(np.sqrt(covariance.diagonal()[:3]))} m")
 
 
 def row(vector: np.ndarray) -> str:

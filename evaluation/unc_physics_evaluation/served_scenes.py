@@ -32,7 +32,6 @@ def served(name: str, parameters: dict[str, Any]) -> Iterator[tuple[Any, int]]:
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
 
-    from unc_physics.ros.connection import spin
     from unc_physics_msgs.srv import GetCapabilities
 
     options = [part for key, value in parameters.items() for part in ("-p", f"{key}:={value}")]
@@ -42,7 +41,7 @@ def served(name: str, parameters: dict[str, Any]) -> Iterator[tuple[Any, int]]:
     node = rclpy.create_node("evaluation", context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    thread = threading.Thread(target=spin, args=[executor], daemon=True)
+    thread = threading.Thread(target=executor.spin, daemon=True)
     thread.start()
     with tempfile.TemporaryFile("w+") as log:
         process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)

@@ -9,15 +9,28 @@ import threading
 import time
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from unc_physics.ros import UncPhysicsNode
-from unc_physics.ros.connection import spin
 from unc_physics_msgs.srv import Predict
 
 READY_TIMEOUT = 600.0  # s; a cold cache compiles everything
 ANSWER_TIMEOUT = 200.0  # s, on a busy machine
+
+
+def spin(executor):
+    """Run an executor until it or its context is shut down, even if other threads destroy entities.
+
+    rclpy skips a destroyed subscription or client, but raises at its events.
+    """
+    ended = False
+    while not ended:
+        with contextlib.suppress(InvalidHandle):
+            with contextlib.suppress(ExternalShutdownException):
+                executor.spin()
+            ended = True
 
 
 class NodeProcess:

@@ -1,4 +1,4 @@
-"""What a robot does in messages: there and back, in other frames, and bad input."""
+"""Actions of a robot in messages: read, written, in other frames, and bad input."""
 
 import numpy as np
 import pytest
@@ -10,94 +10,119 @@ from scenes import moving_object
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from unc_physics import Belief, BodyBelief, Box, Plane, PosePath, RigidBody, Scene, UncPhysicsError, Wrench
-from unc_physics.ros.messages.actions import write_actions
+from unc_physics import UncPhysicsError
+from unc_physics.ros import environment, make_message
+from unc_physics.ros.messages.actions import ObjectActions, read_path, write_path
+from unc_physics.ros.messages.fields import duration, quaternion_message, twist_message, vector_message
 from unc_physics.ros.messages.frames import Transform
-from unc_physics.ros.messages.scene import read_scene, write_scene
-from unc_physics.ros.models import ModelLibrary, _info
+from unc_physics.ros.messages.scene import read_scene
+from unc_physics.ros.models import ModelLibrary
 from unc_physics.scene.kinematic_states import path_states
 from unc_physics.scene.presets import EXACT_PRESETS
-from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, ObjectState
+from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, Material, ObjectState
 from unc_physics_msgs.msg import Scene as SceneMessage
 
 LIBRARY = ModelLibrary()
 MUG = LIBRARY.shape("mug", 30)
+TIMES = np.array([0.125, 0.5, 1.25])  # s
+PLACES = np.array([[0, 0, 1], [0.1, 0.2, 1.2], [0.3, 0.2, 1.1]])  # of the hand's model [m]
+TURNS = Rotation.from_rotvec([[0.1, 0, 0], [0.1, 0.5, 1.0], [0.3, 0.5, 1.2]])
+SPEEDS = np.array([[0, 0, 0], [0.2, 0.1, 0.1], [0, 0, 0]])  # of the hand's model [m/s]
+SPINS = np.array([[0, 0, 0.2], [0, 0.1, 1], [0, 0, 0]])  # rad/s
 
 
-def told(name):
-    return _info(LIBRARY, name, LIBRARY.paths[name])
-
-
-def robot_scene():
-    """A mug in a moving hand over a belt and a turntable."""
-    q = Rotation.from_rotvec([[0.1, 0, 0], [0.1, 0.5, 1.0], [0.3, 0.5, 1.2]]).as_quat()
-    path = PosePath(
-        times=[0.1, 0.5, 1.25],
-        positions=[[0, 0, 1], [0.1, 0.2, 1.2], [0.3, 0.2, 1.1]],
-        orientations=q,
-        angular_velocities=[[0, 0, 0.2], [0, 0.1, 1], [0, 0, 0]],
+def robot_scene(frame=None):
+    """A mug in a moving hand over a belt and a turntable, as the node reads them of messages in a frame."""
+    mug = make_message(
+        ObjectState,
+        id="mug",
+        model="mug",
+        spheres=30,
+        mass=0.3,
+        pose=(0, 0, 0.3),
+        drag=0.01,
+        material=make_message(Material, name="wood", friction=0.4, torsional_friction=0.004),
     )
-    push = Wrench(force=(1, 2, 3), torque=(0, 0, 0.1), start=0.2, duration=0.5)
-    bodies = [
-        RigidBody(
-            "mug",
-            MUG,
-            0.3,
-            attached_to="hand",
-            attached_at=0.25,
-            released_at=1.0,
-            released_at_std=0.125,
-            wrenches=[push, Wrench(force=(0, 0, 1), body_axes=True)],
-            torsional_friction=0.004,
+    hand = make_message(ObjectState, id="hand", model="mug", spheres=30, mass=0.3, pose=PLACES[0])
+    along = MultiDOFJointTrajectory()
+    for time, place, q, speed, spin in zip(TIMES, PLACES, TURNS.as_quat(), SPEEDS, SPINS, strict=True):
+        along.points.append(
+            MultiDOFJointTrajectoryPoint(
+                transforms=[Place(translation=vector_message(place), rotation=quaternion_message(q))],
+                velocities=[twist_message(speed, spin)],
+                time_from_start=duration(time),
+            )
+        )
+    hold = make_message(
+        Attachment, attached_to="hand", attached_at=0.25, released_at=1.0, released_at_std=0.125
+    )
+    push = WrenchMessage(force=Vector3(x=1.0, y=2.0, z=3.0), torque=Vector3(z=0.1))
+    lift = WrenchMessage(force=Vector3(z=1.0))
+    actions = [
+        Action(type=Action.ATTACHMENT, object="mug", attachment=hold),
+        Action(
+            type=Action.WRENCH,
+            object="mug",
+            wrench=make_message(AppliedWrench, wrench=push, start=0.25, duration=0.5),
         ),
-        RigidBody("hand", MUG, trajectory=path, trajectory_std=[0.01, 0, 0, 0, 0.02, 0]),
+        Action(type=Action.WRENCH, object="mug", wrench=AppliedWrench(wrench=lift, body_axes=True)),
+        Action(
+            type=Action.TRAJECTORY,
+            object="hand",
+            trajectory=along,
+            trajectory_std=np.array([0.01, 0, 0, 0, 0.02, 0]),
+        ),
     ]
-    belt = Plane(
-        offset=-0.1,
-        surface_velocity=(0.3, 0, 0),
-        surface_angular_velocity=(0, 0, 1),
-        surface_center=(1, 2, 0),
-    )
-    table = Box((1, 1, 1), (3, 0, 0), surface_angular_velocity=(0, 0, 0.5), torsional_friction=0.01)
-    scene = Scene.everyday(bodies, exact=True, environment=[belt, table])
-    return scene, Belief.of(scene, {"mug": BodyBelief(position=(0, 0, 0.3), position_std=0.01)})
-
-
-def read(scene, belief, frame=None):
-    """What a node reads of a scene and its actions, given in another frame."""
-    message = write_scene(scene, belief, told)
-    actions = [action for body in scene.bodies for action in write_actions(body)]
+    surroundings = environment({"belt": (0, 0, 2, 0.2)}, {"table": ((1, 1, 1), (3, 0, 0, 0, 0, 0.6, 0.8))})
+    belt, table = surroundings.elements
+    belt.pose.position.x, belt.surface_velocity = 1.0, twist_message((0.3, 0, 0), (0, 0, 1))
+    belt.material = make_message(Material, name="rubber", restitution=0.2)
+    table.surface_velocity = twist_message((0, 0, 0), (0, 0, 0.5))
+    table.material = make_message(Material, torsional_friction=0.01)
+    message = SceneMessage(objects=[mug, hand], environment=surroundings)
     if frame is not None:
         message, actions = frame.scene(message), [frame.action(action) for action in actions]
     return read_scene(message, LIBRARY, EXACT_PRESETS["everyday"], actions=actions).scene
 
 
-def test_a_scene_goes_there_and_back():
-    scene, belief = robot_scene()
-    found = read(scene, belief)
-    mug, hand = found.bodies
-    given = scene.bodies[0]
-    for name in ("attached_to", "attached_at", "released_at", "released_at_std", "torsional_friction"):
-        assert getattr(mug, name) == getattr(given, name)
-    for wrench, own in zip(mug.wrenches, given.wrenches, strict=True):
-        np.testing.assert_array_equal([*wrench.force, *wrench.torque], [*own.force, *own.torque])
-        assert (wrench.body_axes, wrench.start, wrench.end) == (own.body_axes, own.start, own.end)
-    np.testing.assert_array_equal(hand.trajectory_std, scene.bodies[1].trajectory_std)
-    times = np.linspace(0, 1.5, 31)
-    # poses of the path are exact; what is between belongs to the centre of mass here and there
-    np.testing.assert_allclose(path_states(found, 1, times), path_states(scene, 1, times), atol=1e-12)
-    for element, own in zip(found.environment, scene.environment, strict=True):
-        np.testing.assert_allclose(element.moving_surface, own.moving_surface, atol=1e-12)
-    assert found.environment[1].torsional_friction == 0.01
-    again = read(scene, belief)
+def speed_at(element, point):
+    """(3,): velocity of an element's surface there [m/s]."""
+    v = element.moving_surface
+    return v[:3] + np.cross(v[3:], point)
+
+
+def test_actions_and_materials_are_read():
+    scene = robot_scene()
+    mug, hand = scene.bodies
+    held = (mug.attached_to, mug.attached_at, mug.released_at, mug.released_at_std)
+    assert held == ("hand", 0.25, 1.0, 0.125)
+    push, lift = mug.wrenches
+    np.testing.assert_array_equal([*push.force, *push.torque], [1, 2, 3, 0, 0, 0.1])
+    assert (push.body_axes, push.start, push.end) == (False, 0.25, 0.75)
+    np.testing.assert_array_equal([*lift.force, *lift.torque], [0, 0, 1, 0, 0, 0])
+    assert (lift.body_axes, lift.start, lift.end) == (True, 0.0, np.inf)
+    np.testing.assert_array_equal(hand.trajectory_std, [0.01, 0, 0, 0, 0.02, 0])
+    states = path_states(scene, 1, TIMES)  # of the centre of mass
+    arms = -TURNS.apply(np.array(MUG.origin))
+    np.testing.assert_allclose(states[:, :3], PLACES + arms, atol=1e-12)
+    np.testing.assert_allclose(states[:, 3:6], SPEEDS + np.cross(SPINS, arms), atol=1e-12)
+    np.testing.assert_allclose(states[:, 10:], SPINS, atol=1e-12)
+    assert (Rotation.from_quat(states[:, 6:10]).inv() * TURNS).magnitude() == pytest.approx(0.0, abs=1e-7)
+    belt, table = scene.environment
+    assert belt.offset == pytest.approx(-0.1)
+    np.testing.assert_allclose(speed_at(belt, [1, 0, -0.1]), [0.3, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(speed_at(belt, [2, 1, -0.1]), [-0.7, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(speed_at(table, [3, 2, 0.5]), [-1, 0, 0], atol=1e-12)
+    assert (mug.material, mug.friction, mug.drag) == ("wood", 0.4, 0.01)
+    assert (belt.material, belt.restitution) == ("rubber", 0.2)
+    assert (mug.torsional_friction, table.torsional_friction) == (0.004, 0.01)
+    again = robot_scene()
     assert again.bodies[0] is mug and again.bodies[1] is hand, "known by the same numbers"
 
 
 def test_another_frame_sees_the_same_motion():
-    scene, belief = robot_scene()
     turn, shift = Rotation.from_rotvec([0.3, -0.2, 0.9]), np.array([1.0, -2.0, 0.5])
-    frame = Transform(turn.as_matrix(), shift, tuple(turn.as_quat()))
-    found = read(scene, belief, frame)
+    scene, found = robot_scene(), robot_scene(Transform(turn.as_matrix(), shift, tuple(turn.as_quat())))
     times = np.linspace(0, 1.5, 7)
     here, there = path_states(scene, 1, times), path_states(found, 1, times)
     np.testing.assert_allclose(there[:, :3], turn.apply(here[:, :3]) + shift, atol=1e-12)
@@ -105,13 +130,19 @@ def test_another_frame_sees_the_same_motion():
     np.testing.assert_allclose(found.bodies[0].wrenches[0].force, turn.apply([1, 2, 3]), atol=1e-12)
     np.testing.assert_array_equal(found.bodies[0].wrenches[1].force, [0, 0, 1])
     point = np.array([0.3, 0.4, -0.1])  # of the belt
+    expected = turn.apply(speed_at(scene.environment[0], point))
+    np.testing.assert_allclose(
+        speed_at(found.environment[0], turn.apply(point) + shift), expected, atol=1e-12
+    )
 
-    def speed(element, p):
-        v = element.moving_surface
-        return v[:3] + np.cross(v[3:], p)
 
-    expected = turn.apply(speed(scene.environment[0], point))
-    np.testing.assert_allclose(speed(found.environment[0], turn.apply(point) + shift), expected, atol=1e-12)
+def test_a_path_goes_there_and_back():
+    path = robot_scene().bodies[1].trajectory
+    action = write_path("hand", path, np.array(MUG.origin))
+    assert (action.type, action.object) == (Action.TRAJECTORY, "hand")
+    found = read_path(ObjectActions("hand", trajectory=("actions[0]", action)), np.array(MUG.origin))
+    assert found.times.tolist() == TIMES.tolist()
+    np.testing.assert_allclose(found.states, path.states, atol=1e-12)
 
 
 def points(*times):
@@ -186,19 +217,3 @@ def test_bad_input_is_named(kind, actions, sentence):
     with pytest.raises(UncPhysicsError) as error:
         read_scene(SceneMessage(objects=[message]), LIBRARY, EXACT_PRESETS["everyday"], actions=actions)
     assert str(error.value).startswith(sentence)
-
-
-def test_drag_and_materials_go_there_and_back():
-    bodies = [
-        RigidBody("mug", MUG, 0.3, drag=0.01, material="cardboard"),
-        RigidBody("cup", MUG, 0.3, material="wood", friction=0.4, restitution_std=0.05),
-        RigidBody("plain", MUG, 0.3),
-    ]
-    scene = Scene.everyday(bodies, environment=[Plane(material="rubber", restitution=0.2)])
-    found = read(scene, Belief.of(scene, {body.name: BodyBelief() for body in bodies}))
-    names = ("material", "friction", "friction_std", "restitution", "restitution_std")
-    for own, given in zip(
-        (*found.bodies, *found.environment), (*scene.bodies, *scene.environment), strict=True
-    ):
-        assert [getattr(own, name) for name in names] == [getattr(given, name) for name in names]
-    assert [body.drag for body in found.bodies] == [0.01, 0.0, 0.0]

@@ -11,24 +11,8 @@ from scenes import good_request, moving_object, numbers_of, request_of, with_phy
 from shape_msgs.msg import Plane as PlaneMessage
 from shape_msgs.msg import SolidPrimitive
 
-from unc_physics import (
-    Belief,
-    BodyBelief,
-    Box,
-    FellOff,
-    InRegion,
-    Plane,
-    RigidBody,
-    Scene,
-    Touches,
-    Upright,
-    load_model,
-    rank,
-)
-from unc_physics import BoxRegion as CoreRegion
-from unc_physics.checks.errors import ErrorCode, NotSupportedError, PredictionTimeoutError, UncPhysicsError
+from unc_physics.checks.errors import ErrorCode, PredictionTimeoutError, UncPhysicsError
 from unc_physics.prediction.rank import rank_candidates
-from unc_physics.ros import Client as CoreClient
 from unc_physics.ros import candidates as node_candidates
 from unc_physics.ros.messages.fields import duration, seconds, write_error
 from unc_physics.ros.messages.frames import Frames
@@ -269,46 +253,3 @@ def test_the_computation_time_runs_out(node, client, scores):
     assert len(response.predictions) == len(OVER)
     assert {entry.result.error_code for entry in response.predictions} == {ErrorCode.TIMEOUT}
     assert all(0.0 <= seconds(entry.prediction.time_reached) < 50.0 for entry in response.predictions)
-
-
-def test_a_client_ranks_as_the_library_does(node):
-    """With the same names and the same answer, of a mapping of changes."""
-    model = load_model("salt_box").prefix(20)
-    scene = Scene.everyday(
-        [RigidBody("box", model)],
-        exact=True,
-        environment=[Box((0.4, 0.4, 0.02), name="shelf"), Plane(offset=-0.5, name="floor")],
-    )
-    held = BodyBelief(position=(0.0, 0.0, 0.15), position_std=0.02, orientation_std=0.05)
-    belief = Belief.of(scene, {"box": held})
-    actions = {
-        "beside": {"box": {"position": (0.4, 0.0, 0.15)}},
-        "over": {"box": held},
-        "rough": {"box": {"position": (0.18, 0.0, 0.15), "friction": 1.0}},
-    }
-    region = CoreRegion("above", (0.4, 0.4, 0.4), (0.0, 0.0, 0.2))
-    also = [Upright("box"), FellOff("box")]
-    with CoreClient() as asked:
-        for score in (InRegion("box", region) & ~Touches("box", "floor"), ~FellOff("box", "shelf")):
-            found = asked.rank(scene, belief, actions, score, 0.5, rollouts=100, seed=3, events=also)
-            expected = rank(scene, belief, actions, score, 0.5, rollouts=100, seed=3)
-            for one, other in zip(found, expected, strict=True):
-                assert (one.name, one.rollouts) == (other.name, other.rollouts)
-                assert (one.tied, one.clearly_worse) == (other.tied, other.clearly_worse)
-                assert one.margin == (None if other.margin is None else pytest.approx(other.margin))
-                assert_same_probability(one.score, other.score)
-                assert one.difference == pytest.approx(other.difference)
-                one, other = one.prediction, other.prediction
-                np.testing.assert_allclose(one.belief.mean, other.belief.mean, rtol=0.0, atol=1e-9)
-                for event in also:
-                    assert_same_probability(one.probability(event), other.probability(event))
-        with pytest.raises(NotSupportedError, match=r"actions\['a'\] changes more than bodies"):
-            asked.rank(scene, belief, {"a": {"shelf": {"friction": 0.1}}}, FellOff("box"), 0.5)
-        with pytest.raises(NotSupportedError, match="angle of 'box upright' is fixed at the node"):
-            asked.rank(scene, belief, actions, Upright("box", angle=0.1), 0.5)
-
-
-def assert_same_probability(one, other):
-    """A node tells all but the method."""
-    assert (one.estimate, one.low, one.high) == pytest.approx((other.estimate, other.low, other.high))
-    assert (one.method, one.rollouts) == ("node", other.rollouts)

@@ -29,7 +29,7 @@ POSE, TWIST, START = "objects[].states[].pose", "objects[].states[].twist", "obj
 #: Documented as ignored.
 IGNORED = {"scene.joint_covariance.time_from_start"}
 #: Fields of earlier versions, which must be unset.
-REMOVED = {"physics.islands"}
+REMOVED = {"physics.islands", "return_center_of_mass"}
 #: Tested in test_node_environment.py and test_stack.py, as they depend on the node's environment and kernels.
 OF_THE_NODE = {"scene.environment.complete", "wait_for_compilation"}
 
@@ -372,7 +372,6 @@ EFFECTS = {
     "physics.impact_friction_std": (physics(impact_friction_std=0.2), POSE, sampled),
     "return_covariance": (set_to(itself, return_covariance=True), "objects[].states[].covariance"),
     "return_joint_covariance": (set_to(itself, return_joint_covariance=True), "joint_covariances[].data"),
-    "return_center_of_mass": (set_to(itself, return_center_of_mass=True), "objects[].center_of_mass[].pose"),
     "return_modes": (set_to(itself, return_modes=True), "objects[].states[].modes[].weight"),
     "return_samples": (set_to(itself, return_samples=3), "objects[].states[].pose_samples"),
 }
@@ -434,14 +433,7 @@ def flat(value):
 
 
 #: Fields of an answer that stay empty or zero in this version.
-NOT_FILLED = {
-    "physics.has_islands",
-    "physics.islands",
-    "physics.preset",
-    "objects[].center_of_mass[].pose_samples",
-    "objects[].center_of_mass[].modes[].weight",
-    "objects[].center_of_mass[].modes[].pose",
-}
+NOT_FILLED = {"physics.has_islands", "physics.islands", "physics.preset"}
 
 
 def rich_requests():
@@ -458,9 +450,8 @@ def rich_requests():
     asked.scene.objects[1].kind = ObjectState.FIXED
     asked.trajectory_period, asked.horizon = Duration(nanosec=200_000_000), Duration(sec=1)
     asked.skip_invalid_objects = asked.return_covariance = asked.return_joint_covariance = True
-    asked.return_modes, asked.return_center_of_mass, asked.return_samples = True, True, 2
+    asked.return_modes, asked.return_samples = True, 2
     overlapping = base()
-    overlapping.return_center_of_mass = True
     overlapping.scene.objects[0].pose.position.z = -0.03
     overlapping.scene.objects[1].pose.position.z = -0.02
     overlapping.scene.objects[1].kind = ObjectState.FIXED
@@ -483,7 +474,7 @@ def test_every_field_of_an_answer_is_filled(predict):
         for path in paths(Prediction)
         if not any(any(flat(value)) for answer in answers for value in values_at(answer.prediction, path))
     }
-    assert empty == NOT_FILLED
+    assert empty == NOT_FILLED | {path for path in paths(Prediction) if "center_of_mass" in path}
 
 
 def test_an_answer_s_physics_may_be_sent_back(predict, plain):

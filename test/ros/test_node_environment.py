@@ -15,9 +15,9 @@ from std_msgs.msg import Header
 
 from unc_physics.checks.errors import ErrorCode, InvalidEnvironmentError
 from unc_physics.ros.detected import settle_detected
-from unc_physics.ros.environment import NodeEnvironment
 from unc_physics.ros.messages.planning_scene import PlanningWorld
 from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
 from unc_physics_msgs.msg import Environment, EnvironmentElement, ObjectState, Prediction, Scene
 from unc_physics_msgs.srv import SetEnvironment

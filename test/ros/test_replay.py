@@ -10,7 +10,7 @@ from scenes import diagonal
 from shape_msgs.msg import Plane
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.ros.environment import NodeEnvironment
+from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.replay import POSE, main, replay, report
 from unc_physics_msgs.msg import EnvironmentElement

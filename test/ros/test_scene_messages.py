@@ -12,7 +12,7 @@ from unc_physics.checks import errors
 from unc_physics.geometry.packing_file import SINK
 from unc_physics.ros.messages.fields import duration, optional, read_duration, seconds
 from unc_physics.ros.messages.prediction import write_prediction, write_start
-from unc_physics.ros.messages.query import RequestedOutputs
+from unc_physics.ros.messages.request import RequestedOutputs
 from unc_physics.ros.messages.scene import CovarianceDefaults, read_scene
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.scene.belief import Belief

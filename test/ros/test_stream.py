@@ -16,10 +16,10 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from unc_physics.ros.detected import scene_of_detections
-from unc_physics.ros.environment import NodeEnvironment
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.scene_topics import LatestWorker, StreamedScene, prepared, stamp_problem
 from unc_physics.ros.stream_pace import Pace

@@ -13,8 +13,8 @@ from std_msgs.msg import Header
 from unc_physics.checks.errors import InvalidEnvironmentError
 from unc_physics.ros.association import Place, assign
 from unc_physics.ros.detected import detected_object
-from unc_physics.ros.environment import NodeEnvironment
 from unc_physics.ros.models import ModelLibrary
+from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.streams import TRACKED, transforms
 from unc_physics.ros.tracking import observation_of

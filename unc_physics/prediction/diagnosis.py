@@ -59,8 +59,6 @@ def judge(prediction: PredictionData, rollouts: int) -> tuple[tuple[BodyStatus, 
     Spreads are compared with those of ``rollouts`` rollouts, as in `status.assess`.
     """
     rollouts = compared_rollouts(rollouts)
-    if all(snapshot.received is not None for snapshot in prediction.snapshots):
-        return tuple(snapshot.received.statuses for snapshot in prediction.snapshots if snapshot.received)
     known = [_judged.setdefault(snapshot, {}).get(rollouts) for snapshot in prediction.snapshots]
     left = tuple(one for one, own in zip(prediction.snapshots, known, strict=True) if own is None)
     if left:

@@ -89,7 +89,7 @@ class Evidence:
 
     @classmethod
     def of(cls, prediction: PredictionData, start: InitialDiagnostics, snapshot: Snapshot) -> Evidence:
-        """Return the evidence of a snapshot of a prediction that was not received from a node."""
+        """Return the evidence of a snapshot of a prediction."""
         scene, propagator, carry = prediction.scene, prediction.propagator, snapshot.carry
         history = carry.contact_history
         states, asymmetries = snapshot.rollout_states, None

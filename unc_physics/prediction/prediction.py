@@ -141,8 +141,6 @@ class Prediction(PredictionData):
         ------
         InvalidRequestError
             If the event is about something that is not in the scene, or there is no such time.
-        NotSupportedError
-            If the prediction comes from a node that was not asked for the event.
         """
         instance(event, Event, "event")
         event.check(self.scene, "event")

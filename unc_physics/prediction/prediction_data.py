@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks.errors import InvalidRequestError, LimitExceededError, NotSupportedError
+from ..checks.errors import InvalidRequestError, LimitExceededError
 from ..checks.validation import integer, number
 from ..dynamics.contact_history import ContactHistory
 from ..propagators.base import Propagator
@@ -92,7 +92,7 @@ class PredictionData:
 
     @property
     def carry(self) -> Any:
-        """The propagator's persistent state at the end, a NamedTuple; None from a node."""
+        """The propagator's persistent state at the end, a NamedTuple."""
         return self.at().carry
 
     @property
@@ -122,17 +122,11 @@ class PredictionData:
             If ``count`` is no number of samples, or is needed and not given.
         LimitExceededError
             If the propagator has samples of its own, and fewer.
-        NotSupportedError
-            If the prediction comes from a node that was not asked for samples.
         """
         snapshot = self.at(time)
         if count is not None:
             count = integer(count, "count", low=1)
         own = snapshot.samples
-        if own is None and snapshot.received is not None:
-            raise NotSupportedError(
-                "was not asked for; give the client's predict keep_samples, their number", field="samples"
-            )
         if own is None:
             if count is None:
                 raise InvalidRequestError(

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import NotSupportedError
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .events import Event, RolloutOutcomes, Touches
@@ -40,20 +39,11 @@ _found: weakref.WeakKeyDictionary[Snapshot, tuple[_Source, ...]] = weakref.WeakK
 def probability(scene: Scene, initial: Belief, snapshot: Snapshot, event: Event) -> Probability:
     """Return the probability of an event at a snapshot's time, by the method with the narrowest interval.
 
-    ``initial`` is the given belief at time 0. Raises `NotSupportedError` if the prediction comes from a node
-    that was not asked for the event.
+    ``initial`` is the given belief at time 0.
     """
     if not event.needs_contacts and not event.names & {body.name for body in scene.bodies if body.free}:
         mean = RolloutOutcomes(scene, initial.mean, snapshot.belief.mean[None])
         return _counted(event, _Source("certain", mean, 1))
-    if snapshot.received is not None:
-        if event not in snapshot.received.probabilities:
-            raise NotSupportedError(
-                "was not asked for at this time; give it to the client's predict among its events, which are"
-                " known at the horizon",
-                field=f"probability of '{event}'",
-            )
-        return snapshot.received.probabilities[event]
     return _best(event, _sources(scene, initial, snapshot))[0]
 
 
@@ -62,9 +52,6 @@ def contact_time(scene: Scene, initial: Belief, snapshot: Snapshot, event: Touch
 
     The arguments are those of `probability`.
     """
-    if snapshot.received is not None:
-        probability(scene, initial, snapshot, event)  # raises an error if it was not requested
-        return snapshot.received.contact_times.get(event)
     _, best = _best(event, _sources(scene, initial, snapshot))
     times = event.first_times(best.outcomes).astype(float)
     times = times[np.isfinite(times)]

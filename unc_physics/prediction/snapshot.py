@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from ..checks.errors import InvalidRequestError, NotSupportedError
+from ..checks.errors import InvalidRequestError
 from ..propagators.modes import Mode, only_mode, split
 from ..propagators.point_pairs import opposite_points
 from ..scene.belief import Belief
 from ..scene.origins import gaussian_at_origins, points_at_origins, states_at_origins
 from ..scene.scene import Scene
-from .body_status import BodyStatus
-from .events import Event
 from .first_contacts import Flights
 
 
@@ -30,12 +28,12 @@ class Probability:
     low, high : float
         Interval that holds the true probability of the model in all but one of a thousand answers; 0 and 1 if
         nothing is known.
-    method : {'samples', 'flights', 'gaussian', 'certain', 'node'}
+    method : {'samples', 'flights', 'gaussian', 'certain'}
         ``samples``: share of the propagator's samples or rollouts. ``flights``: share of samples of the
         initial belief that fly until their first contacts; flights that do not decide the event count half.
         ``gaussian``: share of states drawn from the belief, or of the propagator's rollouts for contacts.
         After a contact this is not a probability, so that the interval is 0 to 1. ``certain``: there is only
-        one outcome. ``node``: as received from a node.
+        one outcome.
     rollouts : int
         Number of simulated rollouts or flights behind the estimate.
     """
@@ -61,16 +59,6 @@ class ContactTime(NamedTuple):
     std: float
 
 
-class RemoteAnswers(NamedTuple):
-    """Answers of a prediction that was made elsewhere."""
-
-    statuses: tuple[BodyStatus, ...]  # one for each body
-    modes: tuple[tuple[Mode, ...], ...] | None  # of each body; None where they were not asked for
-    probabilities: Mapping[Event, Probability]  # of the events that were asked for
-    contact_times: Mapping[Event, ContactTime]  # of those among them that are contacts
-    at_origins: Belief | None = None  # at the models' own origins
-
-
 @dataclass(eq=False)
 class _Derived:
     """Results of a snapshot that were computed when they were first asked for."""
@@ -90,12 +78,12 @@ class Snapshot:
         Simulated time from the start [s].
     belief : Belief
     carry : NamedTuple or None
-        The propagator's persistent state, of all bodies; None where the prediction was made elsewhere.
+        The propagator's persistent state, of all bodies.
     rollout_states : (R, B, 13) array or None
         States of the rollouts behind `samples`; None where the answer is a Gaussian.
-    drawn : array or callable, optional
-        Samples where they are not the rollouts: as received from a node, or a function that draws them from
-        the response surface of the rollouts, which may take longer than the prediction.
+    drawn : callable, optional
+        Draws the samples where they are not the rollouts, from the response surface of the rollouts, which
+        may take longer than the prediction.
     points : (2 n + 1, B, 13) array or None
         States of pairs of points, as `PointPairs.point_states`.
     first_contacts : (R, B, B + E) array or None
@@ -104,8 +92,6 @@ class Snapshot:
     flights : Flights or None
         Samples of the initial belief up to their first contacts, where `predict` was asked for events that
         need them.
-    received : RemoteAnswers or None
-        Answers of a prediction that was made elsewhere.
     wide : (R, B, 13) array or None
         States of rollouts of a belief that is twice as wide, where the propagator looked for rare outcomes.
     """
@@ -114,11 +100,10 @@ class Snapshot:
     belief: Belief
     carry: Any = None
     rollout_states: np.ndarray | None = None
-    drawn: np.ndarray | Callable[[], np.ndarray] | None = None
+    drawn: Callable[[], np.ndarray] | None = None
     points: np.ndarray | None = None
     first_contacts: np.ndarray | None = None
     flights: Flights | None = None
-    received: RemoteAnswers | None = None
     wide: np.ndarray | None = None
     _derived: _Derived = field(default_factory=_Derived, init=False, repr=False)
 
@@ -135,7 +120,7 @@ class Snapshot:
         if self.drawn is None:
             return self.rollout_states
         if self._derived.samples is None:
-            self._derived.samples = self.drawn() if callable(self.drawn) else self.drawn
+            self._derived.samples = self.drawn()
         return self._derived.samples
 
     def at_time(self, time: float) -> Snapshot:
@@ -156,9 +141,7 @@ class Snapshot:
             if not joint:
                 belief = Belief.trusted(belief.mean, belief.blocks, belief.moving)
             origins = np.array([body.model.origin for body in scene.bodies])
-            if self.received is not None and self.received.at_origins is not None:
-                found = self.received.at_origins
-            elif self.rollout_states is not None:
+            if self.rollout_states is not None:
                 found = states_at_origins(belief, self.rollout_states, origins)
             elif self.points is not None:
                 one, other = opposite_points(self.points, scene.moving)
@@ -173,13 +156,6 @@ class Snapshot:
 
         A single Gaussian if there are no samples, or the body does not move freely.
         """
-        if self.received is not None:
-            if self.received.modes is None:
-                raise NotSupportedError(
-                    "was not asked for; with modes=True the client's predict has those at the horizon",
-                    field="modes",
-                )
-            return self.received.modes[body]
         if self.rollout_states is None or not scene.bodies[body].free:
             return (only_mode(self.belief, body),)
         known = self._derived.modes

@@ -67,10 +67,8 @@ def as_dict(
 
 
 def _modes(prediction):
-    """Return the modes of each body at the horizon; none if the prediction has no modes."""
+    """Return the modes of each body at the horizon."""
     scene, last = prediction.scene, prediction.at()
-    if last.received is not None and last.received.modes is None:
-        return []
     return [last.modes(scene, k) for k in range(len(scene.bodies))]
 
 

@@ -3,13 +3,13 @@
 Only this part of the package imports rclpy.
 
 - Node: `node` and `lifecycle_node` hold a `server`, which reads requests, predicts, and opens the interfaces
-  of `services`, `candidates`, `long_prediction`, `environment`, `models`, `streams` and `tracking`.
+  of `services`, `candidates`, `long_prediction`, `node_environment`, `models`, `streams` and `tracking`.
   `parameters` are its settings.
 - Streams: `scene_topics` and `detected` (input), `stream_pace`, `markers` (output).
 - Tracking: `tracks` keeps objects and their beliefs, `association` matches observations with them.
-- Messages: `messages` has a module for each message, for both directions.
-- Client: `client` with `connection` and `newest_message`.
-- Programs: `demo`, `replay`, `view_node`.
+- Messages: `messages` has a module for each kind of message.
+- Client: `client`.
+- Programs: `demo`, `replay`.
 """
 
 from __future__ import annotations
@@ -19,26 +19,35 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from .client import Client as Client
+    from .client import environment as environment
+    from .client import make_message as make_message
+    from .client import object_state as object_state
+    from .client import poses_of as poses_of
+    from .client import prediction_request as prediction_request
     from .lifecycle_node import UncPhysicsLifecycleNode as UncPhysicsLifecycleNode
     from .messages.planning_scene import request_of_planning_scene as request_of_planning_scene
-    from .messages.tracking import TrackedBody as TrackedBody
-    from .messages.tracking import TrackedPrediction as TrackedPrediction
     from .node import UncPhysicsNode as UncPhysicsNode
 
 _MODULES = {
     "Client": "client",
-    "TrackedBody": "messages.tracking",
-    "TrackedPrediction": "messages.tracking",
     "UncPhysicsLifecycleNode": "lifecycle_node",
     "UncPhysicsNode": "node",
+    "environment": "client",
+    "make_message": "client",
+    "object_state": "client",
+    "poses_of": "client",
+    "prediction_request": "client",
     "request_of_planning_scene": "messages.planning_scene",
 }
 __all__ = [
     "Client",
-    "TrackedBody",
-    "TrackedPrediction",
     "UncPhysicsLifecycleNode",
     "UncPhysicsNode",
+    "environment",
+    "make_message",
+    "object_state",
+    "poses_of",
+    "prediction_request",
     "request_of_planning_scene",
 ]
 

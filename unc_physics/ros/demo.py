@@ -1,8 +1,9 @@
 """``python -m unc_physics.ros.demo``: a can is thrown at a carton on a table; does the carton stay upright?
 
 A node, in a process of its own, predicts the scene by several methods. The client prints how long each took
-and how far it is from many Monte Carlo samples, and draws the prediction of the default method. The methods
-share the kernels of rollouts; ``--all-methods`` adds the others, which compile for another minute.
+and how far it is from many Monte Carlo samples. The picture is the library's prediction of the same scene by
+the default method. The methods share the kernels of rollouts; ``--all-methods`` adds the others, which
+compile for another minute.
 """
 
 from __future__ import annotations
@@ -21,13 +22,19 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from unc_physics_msgs.msg import Environment, ObjectState, Physics, Prediction
+
 from ..checks.errors import OutputError, UncPhysicsError
 from ..compiler.compile_time import FIRST_USE
-from ..prediction.events import Upright
-from ..prediction.prediction import Prediction
+from ..prediction.predict import predict
 from ..propagators.names import ANYTIME, BUILT_IN, DEFAULT, POINTS, REFERENCE
-from .client import Client
+from ..propagators.registry import make_propagator
+from ..scene.environment import Box
+from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from ..spatial.origin import at_origin
+from .client import Client, environment, make_message, object_state, poses_of, prediction_request
 from .demo_scene import HORIZON, PERIOD, table_scene
+from .messages.fields import seconds, writable
 
 #: Names of methods, and their numbers of samples or None.
 Methods: TypeAlias = tuple[tuple[str, int | None], ...]
@@ -76,9 +83,7 @@ def main(arguments=None) -> int:
                 answers.append(answer)
                 print(f"  {answer.name}: {1e3 * answer.wall_time:.0f} ms over ROS", flush=True)
             print(table(answers), flush=True)
-            answers[0].prediction.plot("a can is thrown at a carton").savefig(
-                output, dpi=110, bbox_inches="tight"
-            )
+            draw(output)
             print(f"Picture: {output}", flush=True)
             status = 0
         except UncPhysicsError as error:
@@ -106,6 +111,37 @@ def node_command() -> list[str]:
     return [sys.executable, "-m", "unc_physics.ros.node", "--ros-args", "-r", f"__node:={NODE}", *options]
 
 
+def table_messages() -> tuple[list[ObjectState], Environment, Physics]:
+    """Return the scene of the demo as messages."""
+    scene, belief = table_scene()
+    objects = []
+    for b, body in enumerate(scene.bodies):
+        mean, P, origin = map(writable, (belief.mean[b], belief.marginal(b), body.model.origin))
+        state, _, pose_covariance, twist_covariance, _ = at_origin(mean, P, origin)
+        objects.append(
+            object_state(
+                body.name,
+                body.model.name,
+                [*state[POSITION], *state[QUATERNION]],
+                pose_covariance.reshape(6, 6),
+                twist_covariance.reshape(6, 6),
+                twist=[*state[VELOCITY], *state[ANGULAR_VELOCITY]],
+                spheres=len(body.model),
+                at_rest=body.at_rest,
+            )
+        )
+    boxes = {box.name: (box.size, box.position) for box in scene.environment if isinstance(box, Box)}
+    physics = make_message(Physics, preset="everyday", restitution=scene.restitution)
+    return objects, environment(boxes=boxes), physics
+
+
+def draw(output: Path) -> None:
+    """Draw the library's prediction by the default method."""
+    times = (np.arange(1, round(HORIZON / PERIOD) + 1) * PERIOD).tolist()
+    prediction = predict(*table_scene(), make_propagator(ANYTIME, seed=SEED), times=times)
+    prediction.plot("a can is thrown at a carton").savefig(output, dpi=110, bbox_inches="tight")
+
+
 def ask(methods: Methods) -> Iterator[Answer]:
     """Yield the answer of each method; the reference is last.
 
@@ -114,32 +150,31 @@ def ask(methods: Methods) -> Iterator[Answer]:
     UncPhysicsError
         If the node does not answer.
     """
-    scene, belief = table_scene()
-    times = (np.arange(1, round(HORIZON / PERIOD) + 1) * PERIOD).tolist()
+    objects, surroundings, physics = table_messages()
     asked = [(*method, SEED) for method in methods]
     with Client(server=f"/{NODE}", timeout=_TIMEOUT) as client:
 
-        def predict(name, samples, seed, times):
-            return client.predict(
-                scene,
-                belief,
-                name,
-                times=times,
-                samples=samples,
+        def predict_by(name, samples, seed, horizon):
+            request = prediction_request(
+                objects,
+                horizon,
+                surroundings,
+                propagator=name,
+                samples=samples or 0,
                 seed=seed,
-                events=[Upright("carton")],
-                modes=name == ANYTIME,
-                keep_samples=50 if name == ANYTIME else 0,
+                return_probabilities=True,
+                physics=physics,
             )
+            return client.predict(request)
 
         client.capabilities()  # returns when the node is ready
         print("The node is ready. Loading or compiling kernels ...", flush=True)
         for method in asked:
-            predict(*method, times[:1])
+            predict_by(*method, PERIOD)
         print("Predicting:", flush=True)
         for name, samples, seed in [*asked, (REFERENCE, TRUTH, TRUTH_SEED)]:
             started = time.perf_counter()
-            prediction = predict(name, samples, seed, times)
+            prediction = predict_by(name, samples, seed, HORIZON)
             label = name if samples is None else f"{name}, {samples}"
             yield Answer(label, prediction, time.perf_counter() - started)
 
@@ -147,27 +182,30 @@ def ask(methods: Methods) -> Iterator[Answer]:
 def table(answers: list[Answer]) -> str:
     """Return a table of each method's time and its distance from the last answer, the reference."""
     *methods, truth = answers
-    event = Upright("carton")
     width = max(len(answer.name) for answer in methods)
     lines = [
         f"The can's position after {HORIZON:g} s, beside {truth.name} samples, and the carton:",
         f"{'method':<{width}}  {'rollouts':>8}  {'time [ms]':>9}  {'error of mean, std [mm]':>34}  upright",
     ]
-    exact = truth.prediction["can"]
-    for name, prediction, _ in methods:
-        can, found = prediction["can"], prediction.probability(event)
-        mean = 1e3 * float(np.linalg.norm(can.position - exact.position))
-        std = 1e3 * float(np.linalg.norm(can.position_std - exact.position_std))
-        lines.append(
-            f"{name:<{width}}  {found.rollouts:8d}  {1e3 * prediction.wall_time:9.1f}"
-            f"  {mean:16.1f}  {std:16.1f}  {found.estimate:.2f} ({found.low:.2f} to {found.high:.2f})"
+    exact = _mean_and_std(truth.prediction)
+    for name, prediction, _ in [*methods, truth._replace(name="truth")]:
+        mean, std = (
+            1e3 * float(np.linalg.norm(one - other))
+            for one, other in zip(_mean_and_std(prediction), exact, strict=True)
         )
-    found = truth.prediction.probability(event)
-    lines.append(
-        f"{'truth':<{width}}  {TRUTH:8d}  {1e3 * truth.prediction.wall_time:9.1f}  {0.0:16.1f}  {0.0:16.1f}"
-        f"  {found.estimate:.2f} ({found.low:.2f} to {found.high:.2f})"
-    )
+        (found,) = [own.upright for own in prediction.objects if own.id == "carton"]
+        took = 1e3 * seconds(prediction.computation_time)
+        lines.append(
+            f"{name:<{width}}  {prediction.rollouts:8d}  {took:9.1f}  {mean:16.1f}  {std:16.1f}"
+            f"  {found.probability:.2f} ({found.low:.2f} to {found.high:.2f})"
+        )
     return "\n".join(lines)
+
+
+def _mean_and_std(prediction):
+    """Return the mean and the standard deviation of the can's last position, each (3,) [m]."""
+    poses, covariances = poses_of(prediction)["can"]
+    return poses[-1, :3], np.sqrt(covariances[-1].diagonal()[:3])
 
 
 def _end(process):

@@ -1,4 +1,4 @@
-"""Scene of the demo and of its stream: a can is thrown at a carton on a table."""
+"""Scene of the demo: a can is thrown at a carton on a table."""
 
 from __future__ import annotations
 

@@ -23,7 +23,6 @@ from ..spatial.rotation import rotation_matrix
 from .messages.environment import PackedElement, read_environment
 from .messages.fields import xyz, xyzw
 from .messages.scene import UNKNOWN
-from .models import ModelLibrary
 
 try:
     Detection3DArray: Any = importlib.import_module("vision_msgs.msg").Detection3DArray
@@ -121,11 +120,11 @@ def detected_object(name, model, pose, library, mass):
     state = ObjectState(id=name, model=model, pose=pose.pose)
     state.belief.pose_covariance = pose.covariance
     state.belief.twist_covariance[0] = UNKNOWN
-    state.mass = mass_of(model, library, mass)
+    state.mass = _mass_of(model, library, mass)
     return state
 
 
-def mass_of(model: str, library: ModelLibrary, mass: float) -> float:
+def _mass_of(model, library, mass):
     """Return the mass of an object [kg]: 0, for that of its model, or the given one if it has none."""
     try:
         return mass if library.shape(model).mass is None else 0.0

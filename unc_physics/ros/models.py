@@ -13,7 +13,6 @@ import os
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -158,27 +157,6 @@ class ModelLibrary:
         for meets in (True, False):
             shape_of(self.shape(name, default=AUTO, meets=meets))
         return self.shape(name)
-
-
-class GivenPackings:
-    """Packings by name, before the models of a library.
-
-    Parameters
-    ----------
-    packings : mapping of str to SpherePacking
-    library : ModelLibrary
-    """
-
-    def __init__(self, packings: Mapping[str, SpherePacking], library: ModelLibrary):
-        self._packings, self._library, self.shape_packer = packings, library, library.shape_packer
-
-    def shape(self, model, spheres=0, scale=0.0, max_spheres=None, **others):
-        """Return a model's packing, as `ModelLibrary.shape` does."""
-        if model not in self._packings:
-            return self._library.shape(model, spheres, scale, max_spheres, **others)
-        packing = self._packings[model]
-        packing = packing.prefix(spheres) if spheres else packing
-        return packing.scaled(scale or 1.0)
 
 
 class ShapePacker:

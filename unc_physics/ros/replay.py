@@ -20,12 +20,12 @@ from unc_physics_msgs.msg import Prediction, Scene
 
 from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
 from .detected import detected_object, scene_of_detections, settle_detected
-from .environment import NodeEnvironment
 from .messages.fields import pose_message, xyz, xyzw
 from .messages.frames import Frames
 from .messages.prediction import write_answer
 from .messages.request import read_request
 from .models import ModelLibrary
+from .node_environment import NodeEnvironment
 from .parameters import Settings
 from .streams import request_of
 

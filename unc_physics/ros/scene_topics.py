@@ -21,10 +21,10 @@ from unc_physics_msgs.msg import Scene
 
 from ..checks.errors import UncPhysicsError
 from .detected import Detection3DArray, detected_object, scene_of_detections, settle_detected
-from .environment import NodeEnvironment
 from .messages.fields import nanoseconds
 from .messages.frames import Frames
 from .models import ModelLibrary
+from .node_environment import NodeEnvironment
 from .parameters import ParameterServer, Settings
 from .stream_pace import Pace
 
@@ -74,8 +74,6 @@ class SceneTopics:
         Takes the latest `StreamedScene` of a source; must not raise.
     replaced : callable
         Called without arguments for each scene that a newer one replaced.
-    under : str
-        Namespace of the topics ``scene`` and ``detections``.
     """
 
     def __init__(
@@ -86,7 +84,6 @@ class SceneTopics:
         frames: Frames,
         work: Callable[[StreamedScene], object],
         replaced: Callable[[], object],
-        under: str = "~",
     ):
         self._node, self._parameters, self._library = node, parameters, library
         self._frames, self._work, self._replaced = frames, work, replaced
@@ -94,7 +91,7 @@ class SceneTopics:
         self._sources: list[_StreamSource] = []
         self._tracked: dict[str, Any] = {}  # header and state of each topic's newest pose
         self._subscriptions = []
-        self._subscribe(Scene, f"{under}/scene", self._source(detected=False).put)
+        self._subscribe(Scene, "~/scene", self._source(detected=False).put)
         settings = parameters.settings
         topics = [
             pair for pair in zip(settings.tracked_topics, settings.tracked_models, strict=True) if pair[0]
@@ -109,7 +106,7 @@ class SceneTopics:
             )
         if Detection3DArray is not None:
             self._of_detectors = self._source(detected=True)
-            self._subscribe(Detection3DArray, f"{under}/detections", self._detect)
+            self._subscribe(Detection3DArray, "~/detections", self._detect)
         self._jumps = on_clock_jump(node, self._jumped)
 
     def _subscribe(self, kind, topic, callback):

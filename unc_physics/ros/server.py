@@ -26,16 +26,15 @@ from ..prediction.prediction import Prediction
 from ..propagators.names import REFERENCE
 from .candidates import CandidatesService
 from .diagnostics import Diagnostics, LibraryLog
-from .environment import EnvironmentTopics, NodeEnvironment
 from .long_prediction import LongPrediction
 from .markers import MarkerTopic
 from .messages.fields import write_error
 from .messages.frames import Frames
 from .messages.prediction import write_answer
-from .messages.query import RequestedOutputs
-from .messages.request import UNLIMITED, Job, TimeLimits, as_sent, read_request
+from .messages.request import UNLIMITED, Job, RequestedOutputs, TimeLimits, as_sent, read_request
 from .messages.scene import FieldNames
 from .models import ModelLibrary, ModelTopics
+from .node_environment import EnvironmentTopics, NodeEnvironment
 from .parameters import ParameterServer
 from .services import BackgroundService, CapabilitiesService, DeferredAnswerCheck
 from .streams import Stream

@@ -22,11 +22,10 @@ from ..checks.names import hint
 from ..prediction.prediction import Prediction as CorePrediction
 from .detected import Detection3DArray, detected_object, scene_of_detections
 from .diagnostics import ThrottledWarnings
-from .environment import HOW_TO_SET
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
-from .messages.query import RequestedOutputs
-from .messages.request import limited_regions, read_horizon, read_times
+from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_times
+from .node_environment import HOW_TO_SET
 from .scene_topics import LatestWorker, on_clock_jump, stamp_age, stamp_problem, subscribe
 from .services import BackgroundService
 from .streams import TRACKED, TransformTopic, topic_name

@@ -35,20 +35,20 @@ from ..tracking.measurements import PoseMeasurement
 from ..tracking.symmetry import AxialSymmetry
 from ..tracking.tracker import Tracker
 from .association import OF_POSITION, ObservationMemory, Place, assign
-from .environment import NodeEnvironment, objects_of
-from .messages.actions import group_actions, write_actions
-from .messages.query import MARGINALS_ONLY, RequestedOutputs
-from .messages.request import Job, check_answer
-from .messages.scene import AllSkippedError, SceneLimits, read_scene, write_joint_covariance, write_object
+from .messages.actions import group_actions
+from .messages.request import MARGINALS_ONLY, Job, RequestedOutputs, check_answer
+from .messages.scene import AllSkippedError, SceneLimits, read_scene, write_joint_covariance
 from .messages.tracking import (
     ObservationRecord,
     before_first,
     check_path,
     later_path,
     read_measurement,
+    write_present,
     write_tracked,
 )
-from .models import ModelLibrary, packing_info
+from .models import ModelLibrary
+from .node_environment import NodeEnvironment, objects_of
 from .parameters import AXES, Settings
 
 #: Time without observations after which all objects are forgotten [s].
@@ -375,20 +375,17 @@ class Tracks:
     def scene_message(self) -> tuple[SceneMessage, list[Action]]:
         """Return the scene of a fork with its belief, and the paths from its time on."""
         scene, belief = self.scene, self._tracker.belief()
-        own = {*self._states, *self._robots}
-        kept = [b for b, body in enumerate(scene.bodies) if body.name in own]
-        message = SceneMessage(objects=[write_object(scene, belief, b, self._info) for b in kept])
+        given = self._states | {name: robot.state for name, robot in self._robots.items()}
+        found = [
+            write_present(given[body.name], body, belief.mean[b], belief.marginal(b), self._tracker.time)
+            for b, body in enumerate(scene.bodies)
+            if body.name in given
+        ]
+        message = SceneMessage(objects=[own for own, _ in found])
         message.environment = Environment(elements=self._surroundings[1].elements, complete=True)
         origins = np.array([body.model.origin for body in scene.bodies])
         message.joint_covariance = write_joint_covariance(scene, belief, origins)
-        bodies = [scene.bodies[b] for b in kept if scene.bodies[b].trajectory is not None]
-        actions = [
-            action for body in bodies for action in write_actions(later_path(body, -self._tracker.time))
-        ]
-        return message, actions
-
-    def _info(self, name):
-        return packing_info(self._library.shape(name), name)
+        return message, [action for _, actions in found for action in actions]
 
     # -- association -------------------------------------------------------------------------------
 

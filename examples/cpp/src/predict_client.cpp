@@ -25,8 +25,10 @@ int main(int argc, char ** argv)
   const auto request = std::make_shared<Predict::Request>();
   request->request = can_and_brick::request();
   auto future = client->async_send_request(request);
-  if (rclcpp::spin_until_future_complete(node, future) != rclcpp::FutureReturnCode::SUCCESS) {
-    std::cerr << "no answer came\n";
+  const auto timeout = std::chrono::minutes(3);  // a first request may wait for compilation for two
+  if (rclcpp::spin_until_future_complete(node, future, timeout) != rclcpp::FutureReturnCode::SUCCESS) {
+    client->remove_pending_request(future);
+    std::cerr << "no answer came in time\n";
     return 1;
   }
   const auto response = future.get();

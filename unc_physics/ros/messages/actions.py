@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import Transform, Twist, Wrench
+from geometry_msgs.msg import Transform
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics_msgs.msg import Action, AppliedWrench, Attachment
@@ -18,11 +18,19 @@ from ...checks.names import hint
 from ...checks.validation import array, quaternion
 from ...scene import actions
 from ...scene.actions import MOST_POSES, PosePath
-from ...scene.body import RigidBody
 from ...scene.entries import at_field
 from ...spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 from ...spatial.origin import moved
-from .fields import duration, optional, quaternion_message, read_duration, vector_message, writable, xyz, xyzw
+from .fields import (
+    duration,
+    optional,
+    quaternion_message,
+    read_duration,
+    twist_message,
+    vector_message,
+    xyz,
+    xyzw,
+)
 
 #: Fields of an action, and beginning of the names of all its fields, by type.
 _KINDS = {Action.TRAJECTORY: "trajectory", Action.ATTACHMENT: "attachment", Action.WRENCH: "wrench"}
@@ -221,47 +229,30 @@ def _wrench(force, torque, body_axes, start, length):
     )
 
 
-def write_actions(body: RigidBody) -> list[Action]:
-    """Return the messages of a robot's actions on a body."""
-    found = []
-    if body.trajectory is not None:
-        std = np.array(body.trajectory_std)
-        found.append(Action(type=Action.TRAJECTORY, trajectory=_trajectory(body), trajectory_std=std))
-    if body.attached_to is not None:
-        held = Attachment(
-            attached_to=body.attached_to,
-            attached_at=duration(body.attached_at),
-            released_at_std=duration(body.released_at_std),
-        )
-        if body.released_at is not None:
-            held.has_released_at, held.released_at = True, duration(body.released_at)
-        found.append(Action(type=Action.ATTACHMENT, attachment=held))
-    for wrench in body.wrenches:
-        message = AppliedWrench(
-            wrench=Wrench(force=vector_message(wrench.force), torque=vector_message(wrench.torque)),
-            body_axes=wrench.body_axes,
-            start=duration(wrench.start),
-            duration=duration(wrench.duration or 0.0),
-        )
-        found.append(Action(type=Action.WRENCH, wrench=message))
-    for action in found:
-        action.object = body.name
-    return found
+def write_path(name: str, path: PosePath, origin: np.ndarray) -> Action:
+    """Return the message of an object's path.
 
-
-def _trajectory(body):
-    """Return the path of the model's origin."""
-    path, origin = body.trajectory, writable(body.model.origin)
+    Parameters
+    ----------
+    name : str
+        Id of the object.
+    path : PosePath
+        Path of its centre of mass.
+    origin : (3,) array
+        Origin of its model, in the body frame [m].
+    """
     points = []
     for time, state in zip(path.times.tolist(), path.states, strict=True):
         x = moved(state, origin, 1.0)
         transform = Transform(
             translation=vector_message(x[POSITION]), rotation=quaternion_message(x[QUATERNION])
         )
-        twist = Twist(linear=vector_message(x[VELOCITY]), angular=vector_message(x[ANGULAR_VELOCITY]))
         points.append(
             MultiDOFJointTrajectoryPoint(
-                transforms=[transform], velocities=[twist], time_from_start=duration(time)
+                transforms=[transform],
+                velocities=[twist_message(x[VELOCITY], x[ANGULAR_VELOCITY])],
+                time_from_start=duration(time),
             )
         )
-    return MultiDOFJointTrajectory(joint_names=[body.name], points=points)
+    trajectory = MultiDOFJointTrajectory(joint_names=[name], points=points)
+    return Action(type=Action.TRAJECTORY, object=name, trajectory=trajectory)

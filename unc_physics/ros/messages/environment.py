@@ -10,7 +10,6 @@ from geometry_msgs.msg import Twist
 from shape_msgs.msg import Plane as PlaneMessage
 from shape_msgs.msg import SolidPrimitive
 
-from unc_physics_msgs.msg import BoxRegion as BoxRegionMessage
 from unc_physics_msgs.msg import EnvironmentElement, Material
 
 from ...checks.errors import (
@@ -29,7 +28,7 @@ from ...scene.entries import at_field
 from ...scene.environment import Box, Cylinder, Element, Plane, Sphere, check_not_reserved, surface_tilt_std
 from ...scene.materials import Surface, check_surface
 from ...spatial.rotation import rotation_matrix
-from .fields import given_shapes, optional, packed, pose_message, vector_message, xyz, xyzw
+from .fields import given_shapes, optional, packed, pose_message, twist_message, xyz, xyzw
 
 #: Fields of a Material message with a flag, and those without; a `Surface` has attributes of the same names.
 _OPTIONAL_FIELDS = ("friction", "restitution", "torsional_friction")
@@ -215,15 +214,6 @@ def read_regions(messages) -> tuple[BoxRegion, ...]:
     return tuple(regions)
 
 
-def write_region(region: BoxRegion) -> BoxRegionMessage:
-    """Return the message of a region."""
-    return BoxRegionMessage(
-        id=region.name,
-        pose=pose_message(region.position, region.orientation),
-        size=vector_message(region.size),
-    )
-
-
 def read_dimensions(message, field: str) -> tuple[float, ...]:
     """Return the dimensions of a primitive [m].
 
@@ -259,7 +249,7 @@ def _write_surface_velocity(element: Element, origin) -> Twist:
     """Return the velocity of an element's surface at the origin of its pose."""
     omega = element.surface_angular_velocity
     linear = element.surface_velocity + np.cross(omega, np.asarray(origin) - element.surface_center)
-    return Twist(linear=vector_message(linear), angular=vector_message(omega))
+    return twist_message(linear, omega)
 
 
 def _packed_element(message, name, field, shape_packer, wait):

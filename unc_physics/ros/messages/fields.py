@@ -7,7 +7,7 @@ from array import array as packed_array
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 
 from unc_physics_msgs.msg import Result
 
@@ -48,6 +48,11 @@ def quaternion_message(q) -> Quaternion:
 def pose_message(position, q) -> Pose:
     """Return a position and a quaternion (x, y, z, w) as a Pose."""
     return Pose(position=point_message(position), orientation=quaternion_message(q))
+
+
+def twist_message(linear, angular) -> Twist:
+    """Return a linear and an angular velocity as a Twist."""
+    return Twist(linear=vector_message(linear), angular=vector_message(angular))
 
 
 def packed(numbers) -> packed_array:

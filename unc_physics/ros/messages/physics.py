@@ -29,7 +29,7 @@ def read_physics(message: Physics, physics: dict) -> dict:
         Limits of values are checked by `Scene`.
     """
     if message.has_islands or message.islands:
-        raise InvalidOptionError(removed("islands"), field="physics.islands", value=message.islands)
+        raise InvalidOptionError(str(removed("islands")), field="physics.islands", value=message.islands)
     if message.preset:
         physics = _at("preset", preset, message.preset, message.exact)
     elif message.exact:

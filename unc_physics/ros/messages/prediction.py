@@ -1,4 +1,4 @@
-"""Prediction messages: written by the node, read by the client.
+"""Prediction messages.
 
 Messages use the pose of a model's own origin and rotations about fixed axes of the frame. A `Belief` uses the
 centre of mass and body-frame rotations; `spatial.origin` converts.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -24,50 +23,31 @@ from unc_physics_msgs.msg import (
     PredictedObject,
     PredictedState,
     RegionProbability,
-    Result,
 )
 from unc_physics_msgs.msg import Mode as ModeMessage
 from unc_physics_msgs.msg import Prediction as PredictionMessage
 from unc_physics_msgs.msg import Probability as ProbabilityMessage
 
 from ...checks.errors import DivergedError
-from ...prediction.body_status import BodyStatus, Status
 from ...prediction.events import Event, InRegion, Touches
 from ...prediction.prediction import Prediction
-from ...prediction.regions import BoxRegion
-from ...prediction.snapshot import ContactTime, Probability, RemoteAnswers, Snapshot
+from ...prediction.snapshot import Probability
 from ...prediction.status import assess_all
 from ...propagators.base import Samples, rollout_count
-from ...propagators.modes import Mode, only_mode
 from ...scene.belief import Belief
-from ...scene.marks import RESOLUTION, mark_at
+from ...scene.marks import RESOLUTION
 from ...scene.origins import gaussian_at_origins
-from ...scene.parameters import moved_along
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.physics_summary import physics_as_text
-from ...scene.scene import Scene
-from ...spatial.layout import (
-    ANGULAR_VELOCITY,
-    ERR_POSITION,
-    ERR_ROTATION,
-    ERROR,
-    POSITION,
-    QUATERNION,
-    STATE,
-    VELOCITY,
-)
-from ...spatial.origin import at_com, at_origin, covariance_at_com, moved
+from ...spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
+from ...spatial.origin import at_origin
 from ...spatial.rotation import rotation_matrix
-from .events import EVENT_MESSAGES, OBJECT_EVENTS
-from .fields import duration, later, packed, pose_message, read_error, seconds, writable, xyz, xyzw
+from .events import EVENT_MESSAGES
+from .fields import duration, later, packed, pose_message, writable
 from .physics import physics_message
-from .query import MARGINALS_ONLY, Query
-from .request import Job
-from .scene import read_joint_covariance, write_joint_covariance
+from .request import MARGINALS_ONLY, Job
+from .scene import write_joint_covariance
 
-_SAME_START = 1e-9  # m, rad and their squares: tolerance for the start to equal the given belief
-# indices of pose entries in a covariance (12, 12)
-_POSE_BLOCK = np.ix_(*[np.r_[ERR_POSITION, ERR_ROTATION]] * 2)
 #: Measures with their own fields in the message.
 _OVERLAP_FIELDS = ("overlap_share", "overlap_moved", "overlap_kept")
 #: Most states of one object that are assessed separately, as documented in the message.
@@ -99,12 +79,6 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     objects, joints = write_prediction(
         job.scene, job.models, times, at_origins, _drawn(job, prediction), outputs
     )
-    if outputs.center_of_mass:
-        others, message.center_of_mass_joint_covariances = write_prediction(
-            job.scene, job.models, times, prediction.beliefs, outputs=outputs
-        )
-        for answer, other in zip(objects, others, strict=True):
-            answer.center_of_mass = other.states
     write_start(objects, job.scene, prediction.start)
     if job.outputs.modes:
         write_modes(objects, prediction)
@@ -126,9 +100,6 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     message.joint_covariances = joints
     complete = prediction.time > job.horizon - RESOLUTION
     write_statuses(message, prediction, settings.status_rollouts if complete else 0)
-    for answer in objects:
-        for state, other in zip(answer.states, answer.center_of_mass, strict=False):
-            other.status = state.status
     write_probabilities(message, prediction, job.events)
     message.seed = job.seed
     message.time_reached = duration(prediction.time)
@@ -291,51 +262,6 @@ def write_probability(found: Probability) -> ProbabilityMessage:
     return ProbabilityMessage(available=True, probability=found.estimate, low=found.low, high=found.high)
 
 
-def read_answer(result: Result, message: PredictionMessage, query: Query) -> Prediction:
-    """Return the prediction of a node's answer to a query.
-
-    Raises
-    ------
-    UncPhysicsError
-        The node's error with its message, of the class that the library raises. Its ``prediction`` ends at
-        the time reached.
-    """
-    prediction = _prediction(message, query) if message.objects else None
-    if result.error_code != Result.NONE or prediction is None:
-        error = read_error(result)
-        error.prediction = prediction
-        raise error
-    return prediction
-
-
-def read_probabilities(
-    message: Any, scene: Scene, regions: Iterable[BoxRegion]
-) -> tuple[dict[Event, Probability], dict[Event, ContactTime]]:
-    """Return the probabilities and contact times in a `Prediction` message about a scene, by event."""
-    found: dict[Event, Any] = {}
-    times: dict[Event, ContactTime] = {}
-    by_name = {region.name: region for region in regions}
-    for entry in message.region_probabilities:
-        found[InRegion(entry.object, by_name[entry.region])] = entry.probability
-    for entry in message.contact_probabilities:
-        event = Touches(entry.object_a, entry.object_b)
-        found[event] = entry.probability
-        if entry.first_contact_time_available:
-            mean, std = entry.first_contact_time_mean, entry.first_contact_time_std
-            times[event] = ContactTime(seconds(mean), seconds(std))
-    for predicted, body in zip(message.objects, scene.bodies, strict=True):
-        for field, kind in OBJECT_EVENTS.items() if body.free else ():
-            found[kind(predicted.id)] = getattr(predicted, field)
-    return {
-        event: read_probability(own, message.rollouts) for event, own in found.items() if own.available
-    }, times
-
-
-def read_probability(message: ProbabilityMessage, rollouts: int) -> Probability:
-    """Return the probability in a message of a node that simulated ``rollouts`` rollouts."""
-    return Probability(message.probability, message.low, message.high, "node", rollouts)
-
-
 def _drawn(job, prediction):
     """Return the states (N, B, 13) drawn at each time; None if none are requested."""
     count = job.return_samples
@@ -410,153 +336,3 @@ def _origin_poses(states, origin) -> list[Pose]:
         position = state[POSITION] + rotation_matrix(state[QUATERNION]) @ origin
         poses.append(pose_message(position, state[QUATERNION]))
     return poses
-
-
-def _prediction(message, query):
-    """Return the prediction at the requested times and at the last time of the message."""
-    scene = query.scene
-    if scene.stiffness is None:
-        scene = replace(scene, stiffness=message.physics.stiffness)
-    given = [_time_of(state, query) for state in message.objects[0].states]
-    propagator = query.propagator
-    if "seed" in propagator.options():
-        propagator = replace(propagator, seed=message.seed)
-    snapshots = []
-    for k, time in enumerate(given):
-        joints = [
-            each[k] if each else None
-            for each in (message.joint_covariances, message.center_of_mass_joint_covariances)
-        ]
-        at_origins = _belief([one.states[k] for one in message.objects], joints[0], scene)
-        belief = _belief([one.center_of_mass[k] for one in message.objects], joints[1], scene)
-        samples = _samples(message.objects, scene, k) if query.keep_samples else None
-        snapshots.append(
-            Snapshot(time, belief, drawn=samples, received=_received(message, query, belief, at_origins, k))
-        )
-    return Prediction(
-        scene,
-        propagator,
-        tuple(snapshots),
-        query.belief,
-        _start(message, query),
-        seconds(message.computation_time),
-    )
-
-
-def _time_of(state, query):
-    """Return the requested time of a state [s], which messages round to nanoseconds."""
-    time = seconds(state.time_from_start)
-    nearest = min((mark.time for mark in query.marks), key=lambda asked: abs(asked - time))
-    return nearest if abs(nearest - time) <= RESOLUTION else mark_at(time, query.scene.dt).time
-
-
-def _received(message, query, belief, at_origins, k):
-    """Return statuses, modes and probabilities of the k-th state.
-
-    Only the last state has modes, probabilities, and measures and messages of statuses. Messages hold only
-    the poses of several modes, so their velocities are NaN.
-    """
-    statuses = tuple(_status(predicted, k) for predicted in message.objects)
-    if k < len(message.objects[0].states) - 1:
-        return RemoteAnswers(statuses, None, {}, {}, at_origins)
-    answers = read_probabilities(message, query.scene, query.regions)
-    if not query.outputs.modes:
-        return RemoteAnswers(statuses, None, *answers, at_origins)
-    modes = []
-    for b, predicted in enumerate(message.objects):
-        own = predicted.states[-1].modes
-        if len(own) == 1:
-            modes.append((only_mode(belief, b),))
-        else:
-            origin = np.array(query.scene.bodies[b].model.origin)
-            modes.append(tuple(_mode(mode, origin) for mode in own))
-    return RemoteAnswers(statuses, tuple(modes), *answers, at_origins)
-
-
-def _status(predicted: Any, k: int):
-    """Return the status of an object at its k-th state."""
-    if k < len(predicted.states) - 1:
-        return BodyStatus(predicted.id, Status(predicted.states[k].status), {}, ())
-    measures = {pair.key: float(pair.value) for pair in predicted.status_values}
-    reasons, *notes = re.split(rf"(?:^|; ){_NOTE}", predicted.status_msg)
-    flags = tuple(re.split(r"(?<=\)); ", reasons)) if reasons else ()
-    return BodyStatus(predicted.id, Status(predicted.status), measures, flags, tuple(notes))
-
-
-def _start(message, query):
-    """Return the belief at time 0; messages hold only poses, so velocities are the given ones."""
-    scene, given = query.scene, query.belief
-    mean, blocks = np.array(given.mean), np.array(given.blocks)
-    for b, predicted in enumerate(message.objects):
-        origin = np.array(scene.bodies[b].model.origin)
-        _read_pose(predicted.start.pose, mean[b])
-        mean[b, POSITION] = moved(mean[b], origin, -1.0)[POSITION]
-    for row, b in enumerate(scene.moving.tolist()):
-        C = _pose_covariance(message.objects[b].start, mean[b], scene.bodies[b].model.origin)
-        blocks[row][_POSE_BLOCK] = C[_POSE_BLOCK]
-    same = np.allclose(mean, given.mean, rtol=0.0, atol=_SAME_START)
-    same = same and np.allclose(blocks, given.blocks, rtol=0.0, atol=_SAME_START)
-    return given if same else Belief.trusted(mean, blocks, scene.moving.copy())
-
-
-def _belief(states, joint, scene):
-    """Return the belief that states of the moving objects, and their joint covariance, are about."""
-    mean = np.array([_mean(state) for state in states])
-    moving = scene.moving.copy()
-    if joint is not None:
-        size = ERROR * len(moving)
-        C = np.array(joint.data).reshape(size, size)
-        P = read_joint_covariance(scene, mean, C, np.zeros((len(states), 3)))
-    else:
-        blocks = [
-            at_com(np.array(states[b].covariance).reshape(ERROR, ERROR), mean[b], np.zeros(3)) for b in moving
-        ]
-        P = np.array(blocks).reshape(-1, ERROR, ERROR)
-    return Belief.trusted(mean, P, moving)
-
-
-def _mean(message: PredictedState):
-    """Return the state (13,)."""
-    twist = message.twist.twist
-    state = np.empty(STATE)
-    _read_pose(message.pose.pose, state)
-    state[VELOCITY], state[ANGULAR_VELOCITY] = xyz(twist.linear), xyz(twist.angular)
-    return state
-
-
-def _mode(message, origin):
-    """Return one of several modes; its velocity entries are NaN."""
-    state, C = np.zeros(STATE), np.full((ERROR, ERROR), math.nan)
-    _read_pose(message.pose.pose, state)
-    at_origin = Mode(message.weight, state, _pose_covariance(message.pose, state, np.zeros(3)))
-    there = _moved_mode(at_origin, -origin)
-    state = there.mean[0].copy()
-    C[_POSE_BLOCK] = there.blocks[0][_POSE_BLOCK]
-    state[VELOCITY] = state[ANGULAR_VELOCITY] = math.nan
-    return Mode(message.weight, state, C)
-
-
-def _read_pose(pose, state):
-    """Read a Pose into a state (13,)."""
-    state[POSITION], state[QUATERNION] = xyz(pose.position), xyzw(pose.orientation)
-
-
-def _pose_covariance(message, state, origin):
-    """Return the covariance (12, 12) at the centre of mass of a PoseWithCovariance at the origin."""
-    P = np.array(message.covariance).reshape(6, 6)
-    return covariance_at_com(P, np.zeros((6, 6)), state, writable(origin))
-
-
-def _samples(objects, scene, k):
-    """Return the samples (n, B, 13) of the k-th state, at the centres of mass.
-
-    Velocities are NaN for free bodies and 0 for other bodies.
-    """
-    states = np.full((len(objects[0].states[k].pose_samples), len(objects), STATE), math.nan)
-    for b, predicted in enumerate(objects):
-        if not scene.bodies[b].free:
-            states[:, b] = 0.0
-        for row, pose in zip(states[:, b], predicted.states[k].pose_samples, strict=True):
-            _read_pose(pose, row)
-    origins = np.array([body.model.origin for body in scene.bodies])
-    return moved_along(states, np.broadcast_to(-origins, (len(states), *origins.shape)))

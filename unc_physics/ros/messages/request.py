@@ -1,4 +1,4 @@
-"""Prediction requests: checked and read by the node, written by the client."""
+"""Prediction requests, checked and read."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from builtin_interfaces.msg import Duration
-from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Quaternion, Vector3
 
-from unc_physics_msgs.msg import Environment, ModelInfo, PredictionRequest
+from unc_physics_msgs.msg import Environment, PredictionRequest
 from unc_physics_msgs.msg import Scene as SceneMessage
+from unc_physics_msgs.srv import Fork
 
 from ...checks.errors import (
     InvalidHorizonError,
@@ -25,6 +25,7 @@ from ...checks.errors import (
     PredictionTimeoutError,
     UncPhysicsError,
 )
+from ...checks.names import removed
 from ...checks.validation import array, non_negative, positive
 from ...prediction.events import Event, InRegion, encounters, moving_names
 from ...prediction.predict import predict
@@ -36,17 +37,14 @@ from ...propagators.names import ANYTIME
 from ...propagators.registry import PROPAGATORS, propagator_from_texts
 from ...scene.belief import Belief
 from ...scene.entries import at_field
-from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from ...spatial.layout import ERROR
-from .actions import write_actions
-from .environment import read_regions, write_region
+from .environment import read_regions
 from .events import object_events
-from .fields import duration, read_duration, seconds, xyz, xyzw
+from .fields import read_duration, seconds, xyz, xyzw
 from .frames import Frames
-from .physics import physics_message, read_physics
-from .query import MARGINALS_ONLY, Query, RequestedOutputs
-from .scene import FieldNames, SceneLimits, read_scene, write_scene
+from .physics import read_physics
+from .scene import FieldNames, SceneLimits, read_scene
 
 _STATE_BYTES = 800  # size of a PredictedState without optional parts
 _START_BYTES = 350  # size of an object's start
@@ -80,6 +78,42 @@ class TimeLimits(NamedTuple):
 
 
 UNLIMITED = TimeLimits()
+
+
+class RequestedOutputs(NamedTuple):
+    """Requested outputs besides means and marginal covariances; each has a field ``return_<name>``.
+
+    Attributes
+    ----------
+    covariance, joint_covariance : bool
+        Complete covariance of each object; joint covariance of all moving objects.
+    probabilities : bool
+        Probabilities of contact, rest, uprightness and falls.
+    modes : bool
+        Split outcomes as weighted Gaussians.
+    """
+
+    covariance: bool = False
+    joint_covariance: bool = False
+    probabilities: bool = False
+    modes: bool = False
+
+    @classmethod
+    def read(cls, request: PredictionRequest | Fork.Request) -> RequestedOutputs:
+        """Return the outputs that a request asks for.
+
+        Raises
+        ------
+        NotSupportedError
+            If it asks for states of the centres of mass.
+        """
+        if request.return_center_of_mass:
+            name = "return_center_of_mass"
+            raise NotSupportedError(str(removed(name)), field=name, value=True)
+        return cls(*(getattr(request, f"return_{name}") for name in cls._fields))
+
+
+MARGINALS_ONLY = RequestedOutputs()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,10 +211,7 @@ class Job:
         states = 1 + len(self.times or ())
         one = _STATE_BYTES + _POSE_BYTES * self.return_samples + _NUMBER_BYTES * ERROR**2 * outputs.covariance
         one += _START_BYTES * outputs.modes
-        one += (_STATE_BYTES + _NUMBER_BYTES * ERROR**2 * outputs.covariance) * outputs.center_of_mass
-        joint = (
-            (1 + outputs.center_of_mass) * _NUMBER_BYTES * (ERROR * moving) ** 2 * outputs.joint_covariance
-        )
+        joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * outputs.joint_covariance
         pairs = moving * (bodies + len(self.scene.environment) + 1) * outputs.probabilities
         probabilities = _PROBABILITY_BYTES * (pairs + moving * len(self.regions))
         return _START_BYTES * bodies + states * (bodies * one + joint) + probabilities
@@ -295,31 +326,6 @@ def _value_at(message, field):
     if isinstance(message, Quaternion):
         return xyzw(message)
     return message if isinstance(message, (str, bool, int, float)) else None
-
-
-def write_request(query: Query, model_info: Callable[[str], ModelInfo]) -> PredictionRequest:
-    """Return the request of a query; ``model_info`` and errors are as in `write_scene`."""
-    propagator = query.propagator
-    options = {name: getattr(propagator, name) for name in propagator.options()}
-    if query.seed != 0:  # the field's 0 would let the node choose
-        options.pop("seed", None)
-    request = PredictionRequest(
-        scene=write_scene(query.scene, query.belief, model_info),
-        actions=[action for body in query.scene.bodies for action in write_actions(body)],
-        horizon=duration(query.marks[-1].time),
-        times=[duration(mark.time) for mark in query.marks[:-1]],
-        physics=physics_message({key: getattr(query.scene, key) for key in PHYSICS_KEYS}),
-        propagator=propagator.name,
-        propagator_options=[KeyValue(key=name, value=str(value)) for name, value in options.items()],
-        seed=query.seed or 0,
-        regions=[write_region(region) for region in query.regions],
-        return_samples=query.keep_samples,
-        wait_for_compilation=True,
-        **query.outputs.fields(),
-    )
-    if query.max_computation_time is not None:
-        request.max_computation_time = duration(query.max_computation_time)
-    return request
 
 
 def _options(pairs):

@@ -9,19 +9,17 @@ from __future__ import annotations
 import functools
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from unc_physics_msgs.msg import JointCovariance, ModelInfo, ObjectState
-from unc_physics_msgs.msg import Scene as SceneMessage
+from unc_physics_msgs.msg import JointCovariance, ObjectState
 
 from ...checks.errors import (
     DuplicateIdError,
     InvalidCovarianceError,
     InvalidMassError,
-    InvalidModelError,
     InvalidOptionError,
     InvalidRequestError,
     LimitExceededError,
@@ -30,34 +28,18 @@ from ...checks.errors import (
     UncPhysicsError,
 )
 from ...checks.validation import FARTHEST, array, covariance, non_negative, number, point, quaternion
-from ...geometry.packing_file import ROUND_OFF, SpherePacking
 from ...scene.belief import Belief
 from ...scene.body import RigidBody, known_mass, valid_mass
-from ...scene.environment import check_not_reserved, element_names, may_meet
+from ...scene.environment import check_not_reserved, may_meet
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from ...scene.scene_file import with_chosen_stiffness
 from ...scene.stiffness import AUTO
 from ...spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
-from ...spatial.origin import (
-    at_com,
-    at_origin,
-    congruent,
-    covariance_at_com,
-    error_map,
-    inverse_error_map,
-    moved,
-)
+from ...spatial.origin import at_com, congruent, covariance_at_com, error_map, inverse_error_map, moved
 from .actions import ObjectActions, group_actions, read_actions, read_path
-from .environment import (
-    MATERIAL_FIELDS,
-    element_id,
-    read_environment,
-    read_material,
-    write_element,
-    write_material,
-)
-from .fields import given_shapes, packed, pose_message, vector_message, writable, xyz, xyzw
+from .environment import MATERIAL_FIELDS, element_id, read_environment, read_material
+from .fields import given_shapes, packed, writable, xyz, xyzw
 
 #: First entry of an unknown covariance, as in sensor_msgs/Imu.
 UNKNOWN = -1.0
@@ -65,7 +47,6 @@ _AT_REST = 0.0, 0.0, 0.0
 _EXACT = 0.0, (0.0, 0.0, 0.0)  # standard deviations of mass and centre of mass
 _KINDS = ObjectState.DYNAMIC, ObjectState.FIXED, ObjectState.PRESCRIBED
 _ROUND_OFF = 1e-6  # tolerance of a quaternion's length, for single precision
-_SCALE_ROUND_OFF = 1e-13  # relative round-off of a ratio of two radii
 
 
 class CovarianceDefaults(NamedTuple):
@@ -308,105 +289,6 @@ def read_scene(
     belief = Belief.trusted(mean, P, moving)
     models = tuple(own.model for own in read)
     return ReadScene(scene, belief, models, any(own.zeros_replaced for own in read), skipped)
-
-
-def write_scene(scene: Scene, belief: Belief, model_info: Callable[[str], ModelInfo]) -> SceneMessage:
-    """Return the message of a scene without actions and the belief about it, in the node's world frame.
-
-    Parameters
-    ----------
-    scene : Scene
-    belief : Belief
-    model_info : callable
-        Returns the node's `ModelInfo` of a model by name; raises `UnknownModelError`.
-
-    Raises
-    ------
-    UnknownModelError, InvalidModelError
-        If the node does not have a body's model, or has a different model with its name.
-    NotSupportedError
-        If messages have no field for an element of the environment.
-    """
-    message = SceneMessage(
-        objects=[write_object(scene, belief, b, model_info) for b in range(len(scene.bodies))]
-    )
-    names = element_names(scene.environment)
-    message.environment.complete = True  # also where there are no elements
-    message.environment.elements = [
-        write_element(element, name, f"environment[{k}]")
-        for k, (element, name) in enumerate(zip(scene.environment, names, strict=True))
-    ]
-    if not belief.independent and len(scene.moving):
-        origins = np.array([body.model.origin for body in scene.bodies])
-        message.joint_covariance = write_joint_covariance(scene, belief, origins)
-    return message
-
-
-def write_object(scene: Scene, belief: Belief, b: int, model_info: Callable[[str], ModelInfo]) -> ObjectState:
-    """Return the message of body ``b``, without actions on it; errors are as in `write_scene`."""
-    body: RigidBody = scene.bodies[b]
-    state, C, *_ = at_origin(
-        writable(belief.mean[b]), writable(belief.marginal(b)), writable(body.model.origin)
-    )
-    field = f"model of body '{body.name}'"
-    message = ObjectState(
-        id=body.name,
-        kind=ObjectState.FIXED if body.fixed else ObjectState.DYNAMIC,
-        model=body.model.name,
-        spheres=len(body.model),
-        scale=scale_of(body.model, model_info(body.model.name), field),
-        mass=float(body.mass),
-        material=write_material(body),
-        drag=body.drag,
-        at_rest=body.at_rest,
-        pose=pose_message(state[POSITION], state[QUATERNION]),
-    )
-    if body.trajectory is not None:
-        message.kind = ObjectState.PRESCRIBED
-    if body.inertia is not None:
-        message.inertia = body.inertia.ravel()
-    message.twist.linear = vector_message(state[VELOCITY])
-    message.twist.angular = vector_message(state[ANGULAR_VELOCITY])
-    message.belief.mass_std = float(body.mass_std)
-    message.belief.center_of_mass_std = vector_message(body.center_of_mass_std)
-    if body.free:
-        message.belief.covariance = packed(C)
-    return message
-
-
-def scale_of(packing: SpherePacking, info: ModelInfo, field: str) -> float:
-    """Return the scale of a packing relative to the node's model of the same name.
-
-    Raises
-    ------
-    InvalidModelError
-        If they differ in more than size, or the node's model is not ready.
-    """
-    if info.status != ModelInfo.STATUS_READY:
-        raise InvalidModelError(f"is not ready: {info.status_msg}", field=field, value=packing.name)
-    scale = packing.bounding_radius / info.bounding_radius
-    if abs(scale - round(scale, 9)) < _SCALE_ROUND_OFF * scale:
-        scale = round(scale, 9)
-    center = np.array(xyz(info.center_of_mass))
-    compared = {
-        "inertia": (packing.inertia.ravel() / scale**2, np.array(info.inertia)),
-        "origin": (packing.origin / scale, -center),
-        "volume": (packing.volume / scale**3, info.volume),
-    }
-    size = {"inertia": np.abs(info.inertia).max(), "origin": info.bounding_radius, "volume": info.volume}
-    differs = [
-        name for name, (own, other) in compared.items() if np.abs(own - other).max() > ROUND_OFF * size[name]
-    ]
-    if len(packing) > info.spheres:
-        differs.append("number of spheres")
-    if differs:
-        raise InvalidModelError(
-            f"is another one than the node's: it differs in {' and '.join(differs)};"
-            " client.load_model(path, replace=True) gives the node its file",
-            field=field,
-            value=packing.name,
-        )
-    return float(scale)
 
 
 def write_joint_covariance(scene: Scene, belief: Belief, origins: np.ndarray) -> JointCovariance:
