@@ -32,6 +32,7 @@ from unc_physics import (
 )
 from unc_physics.checks.errors import CanceledError
 from unc_physics.prediction.rank import Candidate, rank_candidates
+from unc_physics.prediction.request_checks import marks_of
 
 TABLE, HORIZON = -0.5, 0.5
 SHELF = Box((0.4, 0.2, 0.02), (0.0, 0.0, -0.01), name="shelf")
@@ -224,19 +225,18 @@ def test_candidates_that_fail_leave_the_others():
     fast = Belief.of(SCENE, {"box": BodyBelief(linear_velocity=(1e200, 0.0, 0.0))})
     cup = replace(SCENE, bodies=[replace(SCENE.bodies[0], name="cup")])
     good = {name: Belief.of(SCENE, {"box": held(offset)}) for name, offset in OFFSETS.items()}
+    marks = marks_of(SCENE, 0.2, None)
     candidates = [
-        Candidate("fast", SCENE, fast),
-        *(Candidate(name, SCENE, belief) for name, belief in good.items()),
-        Candidate("cup", cup, BELIEF),
+        Candidate("fast", SCENE, fast, marks),
+        *(Candidate(name, SCENE, belief, marks) for name, belief in good.items()),
+        Candidate("cup", cup, BELIEF, marks),
     ]
     propagator, errors = make_propagator("monte_carlo", samples=40), {}
     with np.errstate(all="ignore"):
-        found = rank_candidates(
-            candidates, propagator, ON_SHELF, 0.2, lambda k, error: errors.update({k: error})
-        )
+        found = rank_candidates(candidates, propagator, ON_SHELF, lambda k, error: errors.update({k: error}))
         assert {k: error.field for k, error in errors.items()} == {0: "prediction", 4: "score.object"}
-        alone = rank_candidates(candidates[1:4], propagator, ON_SHELF, 0.2, None, budget=found.rollouts)
-        none = rank_candidates([candidates[0], candidates[4]], propagator, ON_SHELF, 0.2, lambda *_: None)
+        alone = rank_candidates(candidates[1:4], propagator, ON_SHELF, None, budget=found.rollouts)
+        none = rank_candidates([candidates[0], candidates[4]], propagator, ON_SHELF, lambda *_: None)
     assert [action.name for action in found] == [action.name for action in alone]
     for one, other in zip(found, alone, strict=True):
         count = min(one.rollouts, other.rollouts)

@@ -25,14 +25,13 @@ from .events import Event, checked_events
 from .first_contacts import first_contacts
 from .prediction import Prediction
 from .probability import is_certain
-from .request_checks import check_memory, check_supported, marks_of
+from .request_checks import check_memory, checked_marks
 from .simulated_scene import left_out, without, without_idle_parts
 
 #: Number of flights until the first contacts, if events are requested.
 FLIGHTS = 1000
 
 
-@np.errstate(all="ignore")  # beliefs that are not finite raise an error
 def predict(
     scene: Scene,
     belief: Belief,
@@ -90,13 +89,37 @@ def predict(
     InvalidRequestError, LimitExceededError, UnknownPropagatorError
         For arguments of a wrong type, a belief about other bodies, too many steps, and an unknown name.
     """
-    started = clock()
     instance(scene, Scene, "scene")
     instance(belief, Belief, "belief")
     instance(propagator, (str, Propagator), "propagator")
     if isinstance(propagator, str):
         propagator = make_propagator(propagator)
-    asked_for, marks = prepare(scene, belief, propagator, horizon, times)
+    marks = checked_marks(scene, belief, propagator, horizon, times)
+    return predict_marks(
+        scene,
+        belief,
+        propagator,
+        marks,
+        max_computation_time=max_computation_time,
+        progress=progress,
+        events=events,
+    )
+
+
+@np.errstate(all="ignore")  # beliefs that are not finite raise an error
+def predict_marks(
+    scene: Scene,
+    belief: Belief,
+    propagator: Propagator,
+    marks: Sequence[Mark],
+    *,
+    max_computation_time: float | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    events: Iterable[Event] = (),
+) -> Prediction:
+    """Predict as `predict`, for marks of `request_checks.checked_marks` with the same arguments."""
+    started = clock()
+    asked_for = prepare(scene, belief, propagator, marks)
     missing = left_out(asked_for, propagator)
     scene = without(asked_for, missing)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
@@ -126,19 +149,14 @@ def predict(
     return _with_flights(prediction, marks) if asked else prediction
 
 
-def prepare(
-    scene: Scene, belief: Belief, propagator: Propagator, horizon: float | None, times: Sequence[float] | None
-) -> tuple[Scene, list[Mark]]:
-    """Return the scene with its stiffness, and the marks of the requested times.
+def prepare(scene: Scene, belief: Belief, propagator: Propagator, marks: Sequence[Mark]) -> Scene:
+    """Return the scene with its stiffness and without uncertain parts that have no effect.
 
-    Raises the errors of `predict` for arguments that do not fit together.
+    Raises `LimitExceededError` if a prediction for all marks exceeds the memory.
     """
-    belief.check_fits(scene)
-    check_supported(scene, propagator)
-    marks = marks_of(scene, horizon, times)
     scene = without_idle_parts(scene, belief, marks[-1].time)
     check_memory(scene, belief, propagator, len(marks))
-    return with_stiffness(scene, belief.mean), marks
+    return with_stiffness(scene, belief.mean)
 
 
 def _with_flights(prediction, marks):

@@ -21,6 +21,7 @@ from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator
 from ..propagators.start import constrain_belief
 from ..scene.belief import Belief
+from ..scene.marks import Mark
 from ..scene.scene import Scene
 from .actions import Action, apply_action
 from .compute_budget import ComputeBudget
@@ -29,6 +30,7 @@ from .events import Event
 from .predict import prepare
 from .prediction import Prediction
 from .probability import sample_outcomes
+from .request_checks import checked_marks
 from .sequential_halving import Difference, SequentialHalving
 from .snapshot import Probability
 from .tables import FEW_LINES, preformatted
@@ -254,25 +256,29 @@ def rank(
         raise InvalidRequestError("must name at least one action", field="actions")
     belief.check_fits(scene)
     score.check(scene, "score")
-    candidates = [
-        Candidate(name, *apply_action(scene, belief, action, f"actions[{name!r}]"))
-        for name, action in actions.items()
-    ]
+    changed = {
+        name: apply_action(scene, belief, action, f"actions[{name!r}]") for name, action in actions.items()
+    }
     rollouts = integer(rollouts, "rollouts", low=1)
     if rollouts > SAMPLES_LIMIT:
         raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field="rollouts", value=rollouts)
+    propagator = make_propagator(REFERENCE, samples=rollouts, seed=seed)
 
     def failed(k, error):
-        field = f"actions[{candidates[k].name!r}]" + (f": {error.field}" if error.field else "")
+        field = f"actions[{[*changed][k]!r}]" + (f": {error.field}" if error.field else "")
         raise error.at(field) from error
 
+    candidates = []
+    for k, (name, own) in enumerate(changed.items()):
+        try:
+            candidates.append(Candidate(name, *own, checked_marks(*own, propagator, horizon, times)))
+        except UncPhysicsError as error:
+            failed(k, error)
     return rank_candidates(
         candidates,
-        make_propagator(REFERENCE, samples=rollouts, seed=seed),
+        propagator,
         score,
-        horizon,
         failed,
-        times=times,
         budget=budget,
         max_computation_time=max_computation_time,
         progress=progress,
@@ -280,21 +286,20 @@ def rank(
 
 
 class Candidate(NamedTuple):
-    """Scene with the belief about it, by name."""
+    """Scene with the belief about it, by name, and the marks that it is simulated to (`checked_marks`)."""
 
     name: str
     scene: Scene
     belief: Belief
+    marks: Sequence[Mark]
 
 
 def rank_candidates(
     candidates: Sequence[Candidate],
     propagator: Any,
     score: Event,
-    horizon: float | None,
     failed: Callable[[int, UncPhysicsError], object],
     *,
-    times: Sequence[float] | None = None,
     budget: int | None = None,
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -351,7 +356,7 @@ def rank_candidates(
         return _ranking(candidates, runs, halving, score, propagator) if halving.spent else None
 
     try:
-        runs = attempt(lambda k: _Rollouts(candidates[k], propagator, score, horizon, times))
+        runs = attempt(lambda k: _Rollouts(candidates[k], propagator, score))
         with time_limit() as limit:
             while halving.remaining:
                 simulate_round(ComputeBudget(allowed, started, limit))
@@ -371,11 +376,12 @@ class _Rollouts:
 
     prediction: Prediction
 
-    def __init__(self, candidate, propagator, score, horizon, times):
-        score.check(candidate.scene, "score")
-        self._given, self._propagator = candidate.belief, propagator
-        self._scene, self._marks = prepare(candidate.scene, candidate.belief, propagator, horizon, times)
-        self._belief = constrain_belief(self._scene, candidate.belief)
+    def __init__(self, candidate, propagator, score):
+        _, scene, belief, self._marks = candidate
+        score.check(scene, "score")
+        self._given, self._propagator = belief, propagator
+        self._scene = prepare(scene, belief, propagator, self._marks)
+        self._belief = constrain_belief(self._scene, belief)
         self.carries = []  # at time 0, and at each mark
 
     def carries_of(self, count, compute_budget, progress):

@@ -38,6 +38,19 @@ def periodic_times(scene: Scene, period: float, horizon: float, field: str = "pe
     return [k * step for k in range(1, math.ceil(count - 1e-9))]
 
 
+def checked_marks(
+    scene: Scene,
+    belief: Belief,
+    propagator: Propagator,
+    horizon: float | None,
+    times: float | Sequence[float] | None,
+) -> list[Mark]:
+    """Check that arguments of `predict` fit together, and return the marks of the requested times."""
+    belief.check_fits(scene)
+    check_supported(scene, propagator)
+    return marks_of(scene, horizon, times)
+
+
 def check_supported(scene: Scene, propagator: Propagator) -> None:
     """Raise `NotSupportedError` unless the propagator supports the scene.
 

@@ -109,12 +109,10 @@ def rank_entries(
     score = read_score([*request.score], base.regions, jobs[places[0]].scene)
     try:
         ranking = rank_candidates(
-            [Candidate(str(k), job.scene, job.belief) for k, job in jobs.items()],
+            [Candidate(str(k), job.scene, job.belief, job.marks) for k, job in jobs.items()],
             base.propagator,
             score.event,
-            base.horizon,
             fail,
-            times=base.times,
             budget=request.budget or None,
             max_computation_time=base.max_computation_time,
             progress=lambda done, budget: server.check_open(),

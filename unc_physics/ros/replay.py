@@ -19,6 +19,7 @@ from geometry_msgs.msg import PoseWithCovariance
 from unc_physics_msgs.msg import Prediction, Scene
 
 from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
+from ..prediction.request_checks import marks_of
 from .detected import detected_object, scene_of_detections, settle_detected
 from .messages.fields import pose_message, xyz, xyzw
 from .messages.frames import Frames
@@ -159,7 +160,7 @@ def replay(
             request = request_of(scene, settings)
             request.wait_for_compilation = True
             job = read_request(request, settings, library, Frames(), environment_of=environment.around)
-            job = replace(job, times=after[:-1], horizon=after[-1])
+            job = replace(job, marks=marks_of(job.scene, None, after))
             answer = Prediction()
             write_answer(answer, scene.header, settings, job, job.run())
         except UncPhysicsError as error:

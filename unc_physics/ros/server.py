@@ -23,6 +23,7 @@ from ..compiler.compile_time import FIRST_USE
 from ..compiler.refusal import CompilationRefused, refused_compilation
 from ..prediction import warm_up as core
 from ..prediction.prediction import Prediction
+from ..prediction.request_checks import marks_of
 from ..propagators.names import REFERENCE
 from .candidates import CandidatesService
 from .diagnostics import Diagnostics, LibraryLog
@@ -336,7 +337,7 @@ def _warm_up(settings, done: Callable[[str, float], object]) -> None:
             belief=belief,
             models=(core.MODEL,) * len(scene.bodies),
             propagator=propagator,
-            horizon=horizon,
+            marks=marks_of(scene, horizon, None),
             seed=1,
             return_samples=2,
             outputs=RequestedOutputs(True, propagator.traits.cross_body, True, True),

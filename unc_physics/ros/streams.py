@@ -129,11 +129,7 @@ class Stream:
         if age is not None:  # its horizon must not pass meanwhile
             allowed = min(allowed, max(settings.horizons) - age)
         job = server.read(request_of(scene, settings), limits=TimeLimits(max(allowed, _SHORTEST)))
-        return replace(
-            job,
-            times=sorted(set(settings.horizons))[:-1],
-            propagator=streamed.pace.adapted(job.propagator, limit),
-        )
+        return replace(job, propagator=streamed.pace.adapted(job.propagator, limit))
 
     def publish(self, message, job) -> None:
         """Publish a prediction, with poses, markers and occupancy; ``job`` is None if it is empty."""
@@ -187,9 +183,11 @@ class Stream:
 
 def request_of(scene: Scene, settings: Settings) -> PredictionRequest:
     """Return the request for a streamed scene from the parameters."""
+    *times, horizon = sorted(set(settings.horizons))
     return PredictionRequest(
         scene=scene,
-        horizon=duration(max(settings.horizons)),
+        horizon=duration(horizon),
+        times=[duration(time) for time in times],
         propagator=settings.stream_propagator,
         seed=_SEED,
         return_probabilities=settings.stream_probabilities,

@@ -20,11 +20,12 @@ from unc_physics_msgs.srv import Fork, Reset
 from ..checks.errors import CanceledError, DivergedError, UncPhysicsError
 from ..checks.names import hint
 from ..prediction.prediction import Prediction as CorePrediction
+from ..prediction.request_checks import marks_of
 from .detected import Detection3DArray, detected_object, scene_of_detections
 from .diagnostics import ThrottledWarnings
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
-from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_times
+from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_marks
 from .node_environment import HOW_TO_SET
 from .scene_topics import LatestWorker, on_clock_jump, stamp_age, stamp_problem, subscribe
 from .services import BackgroundService
@@ -343,9 +344,9 @@ class Tracking:
         with self._server.errors_to(
             lambda error: self._warn("not predicted", f"a tracked scene was not predicted: {error}")
         ):
-            times, message = sorted(set(settings.horizons)), Prediction()
+            marks, message = marks_of(present.scene, None, sorted(set(settings.horizons))), Prediction()
             outputs = RequestedOutputs(probabilities=settings.stream_probabilities)
-            job, prediction = present.predict(times[-1], times[:-1], settings, outputs)
+            job, prediction = present.predict(marks, settings, outputs)
             self._write(message, job, prediction, present.stamp)
             self._stream.publish(message, job)
         self._ended.wait(time.perf_counter() - began)
@@ -364,13 +365,12 @@ class Tracking:
             horizon = max(settings.horizons)
             if seconds(request.horizon):
                 horizon = read_horizon(request.horizon, settings)
-            times = read_times(request, horizon, scene, settings)
+            marks = read_marks(request, horizon, scene, settings)
             present.arrive()
             if request.actions:
                 present.act(present.stamp, request.objects, request.actions, settings)
             job, prediction = present.predict(
-                horizon,
-                times,
+                marks,
                 settings,
                 RequestedOutputs.read(request),
                 limited_regions(request.regions, settings),

@@ -27,6 +27,7 @@ from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
+from ..scene.marks import Mark
 from ..scene.origins import gaussian_at_origins
 from ..scene.scene import Scene
 from ..scene.stiffness import AUTO
@@ -315,8 +316,7 @@ class Tracks:
 
     def predict(
         self,
-        horizon: float,
-        times: Sequence[float] | None,
+        marks: Sequence[Mark],
         settings: Settings,
         outputs: RequestedOutputs = MARGINALS_ONLY,
         regions: tuple[BoxRegion, ...] = (),
@@ -326,10 +326,7 @@ class Tracks:
 
         Parameters
         ----------
-        horizon : float
-            [s]
-        times : sequence of float, optional
-            Times before it [s], ascending.
+        marks : sequence of Mark
         settings : Settings
         outputs : RequestedOutputs
         regions : tuple of BoxRegion
@@ -340,22 +337,21 @@ class Tracks:
         ------
         UncPhysicsError
         """
-        scene, before = self.scene, [time for time in times or () if time < horizon]
+        scene = self.scene
         members = make_propagator(REFERENCE, samples=settings.tracking_members, seed=_SEED)
         job = Job(
             scene=scene,
             belief=self._tracker.belief(),
             models=tuple(self._models[body.name] for body in scene.bodies),
             propagator=members,
-            horizon=horizon,
+            marks=marks,
             seed=_SEED,
-            times=before,
             regions=regions,
             return_samples=samples,
             outputs=outputs,
         )
         check_answer(job, settings)
-        return job, self._tracker.ahead([*before, horizon])
+        return job, self._tracker.ahead([mark.time for mark in marks])
 
     @property
     def scene(self):

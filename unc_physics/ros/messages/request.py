@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ from ...checks.errors import (
 from ...checks.names import removed
 from ...checks.validation import array, non_negative, positive
 from ...prediction.events import Event, InRegion, encounters, moving_names
-from ...prediction.predict import predict
+from ...prediction.predict import predict_marks
 from ...prediction.prediction import Prediction
 from ...prediction.regions import BoxRegion
 from ...prediction.request_checks import check_supported, marks_of, periodic_times
@@ -37,6 +37,7 @@ from ...propagators.names import ANYTIME
 from ...propagators.registry import PROPAGATORS, propagator_from_texts
 from ...scene.belief import Belief
 from ...scene.entries import at_field
+from ...scene.marks import Mark
 from ...scene.scene import Scene
 from ...spatial.layout import ERROR
 from .environment import read_regions
@@ -127,11 +128,9 @@ class Job:
     models : tuple of str
         Names of the objects' models.
     propagator : Propagator
-    horizon : float
-        [s]
+    marks : sequence of Mark
+        Requested times, the last of which is the horizon.
     seed : int
-    times : list of float or None
-        Requested times besides the horizon [s].
     max_computation_time : float or None
         [s]
     regions : tuple of BoxRegion
@@ -147,15 +146,19 @@ class Job:
     belief: Belief
     models: tuple[str, ...]
     propagator: Propagator
-    horizon: float
+    marks: Sequence[Mark]
     seed: int
-    times: list[float] | None = None
     max_computation_time: float | None = None
     regions: tuple[BoxRegion, ...] = ()
     return_samples: int = 0
     outputs: RequestedOutputs = MARGINALS_ONLY
     zeros_replaced: bool = False
     skipped: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def horizon(self) -> float:
+        """Last time [s]."""
+        return self.marks[-1].time
 
     @property
     def events(self) -> list[Event]:
@@ -187,12 +190,11 @@ class Job:
         """
         steps = len(self.scene.moving) * self.horizon / self.scene.dt
         try:
-            return predict(
+            return predict_marks(
                 self.scene,
                 self.belief,
                 self.propagator,
-                self.horizon,
-                times=self.times,
+                self.marks,
                 max_computation_time=self.max_computation_time,
                 progress=progress,
                 events=self.events if steps <= max_flight_steps else (),
@@ -208,7 +210,7 @@ class Job:
     def answer_bytes(self) -> int:
         """Return the approximate size of the answer."""
         outputs, moving, bodies = self.outputs, len(self.scene.moving), len(self.scene.bodies)
-        states = 1 + len(self.times or ())
+        states = len(self.marks)
         one = _STATE_BYTES + _POSE_BYTES * self.return_samples + _NUMBER_BYTES * ERROR**2 * outputs.covariance
         one += _START_BYTES * outputs.modes
         joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * outputs.joint_covariance
@@ -277,9 +279,8 @@ def read_request(
         belief=belief,
         models=read.models,
         propagator=propagator,
-        horizon=horizon,
+        marks=read_marks(request, horizon, read.scene, settings),
         seed=getattr(propagator, "seed", seed or 0),
-        times=read_times(request, horizon, read.scene, settings),
         max_computation_time=_computation_time(request.max_computation_time, limits.limit, asked_time),
         regions=limited_regions(regions, settings),
         return_samples=request.return_samples,
@@ -385,8 +386,8 @@ def read_horizon(message, settings) -> float:
     return horizon
 
 
-def read_times(request, horizon: float, scene: Scene, settings) -> list[float] | None:
-    """Return the requested times before the horizon; None if there are none."""
+def read_marks(request, horizon: float, scene: Scene, settings) -> list[Mark]:
+    """Return the marks of the requested times and of the horizon."""
     steps = horizon / scene.dt
     if steps > settings.max_steps:
         raise LimitExceededError(
@@ -404,10 +405,11 @@ def read_times(request, horizon: float, scene: Scene, settings) -> list[float] |
         field, value = ("trajectory_period", period) if period else ("times", count)
         raise LimitExceededError(f"gives more than {settings.max_states} states", field=field, value=value)
     if period:
-        return periodic_times(scene, period, horizon, "trajectory_period")
-    times = [read_duration(time, f"times[{k}]", InvalidHorizonError) for k, time in enumerate(request.times)]
-    marks_of(scene, horizon, times)
-    return times or None
+        times = periodic_times(scene, period, horizon, "trajectory_period")
+    else:
+        given = enumerate(request.times)
+        times = [read_duration(time, f"times[{k}]", InvalidHorizonError) for k, time in given]
+    return marks_of(scene, horizon, times)
 
 
 def _propagator(name, options, samples, seed, settings):
