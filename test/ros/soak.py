@@ -51,13 +51,7 @@ NODE = "soaked"
 IN_FLIGHT = 4
 WARM_UP_SHARE = 0.25
 GROWTH_LIMIT = 20.0  # MB
-LIMITS = {
-    "max_horizon": 5.0,
-    "max_computation_time": 0.2,
-    "max_samples": 500,
-    "max_spheres": 2000,
-    "max_flight_steps": 200,
-}
+LIMITS = {"max_horizon": 5.0, "max_computation_time": 0.2, "max_samples": 500, "max_spheres": 2000}
 
 NUMBERS = [
     0.0,

@@ -397,6 +397,8 @@ def test_markers(publish, listener):
         if marker.type == Marker.SPHERE_LIST:
             assert 20 < len(points) < 2000
             assert np.abs(points).max() < 0.3
+            # 12 cells along the longest side, each with a ball of 1.3 cells
+            assert np.ptp(points, axis=0).max() == pytest.approx(11 * marker.scale.x / 1.3)
 
 
 def test_occupancy(publish, listener):

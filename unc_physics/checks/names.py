@@ -28,6 +28,8 @@ _ELSEWHERE = {
 _REMOVED = {
     "islands": "was removed in version 0.3: leave it out; for many bodies take 'cloud'",
     "--levels": "was removed in version 0.3: leave it out",
+    "marker_cells": "was removed in version 0.3: leave it out",
+    "max_flight_steps": "was removed in version 0.3: leave it out",
     "return_center_of_mass": "was removed in version 0.3: leave it out; states are those of the models'"
     " origins, and center_of_mass of ~/list_models is the vector from there to the centre of mass",
     "reduce": "was removed in version 0.3: leave it out; 'cloud' leaves common motion to a closed form",

@@ -27,6 +27,7 @@ from .messages.fields import duration, packed, point_message, pose_message, xyz,
 
 _SIGMAS = 2.0  # half axes of ellipsoids and fans
 _AXES = np.eye(3)
+_CELLS = 12  # along the longest side of a drawn shape
 _BALL = 1.3  # diameter of a cell's ball relative to the cell, so that there are no holes
 _SPHERES = 300  # most spheres whose shape is drawn
 _OF_UNCERTAINTY = ("ellipsoid", "rotation")
@@ -135,7 +136,7 @@ def markers(header, job, answer, settings) -> MarkerArray:
         last = predicted.states[-1].pose
         for kind in settings.markers:
             if kind != _OF_ENVIRONMENT and (body.free or kind not in _OF_UNCERTAINTY):
-                marker = _marker(kind, job, k, last, body_color(k, body.fixed), settings.marker_cells)
+                marker = _marker(kind, job, k, last, body_color(k, body.fixed))
                 marker.ns = f"{kind} {body.name}"
                 found.append(marker)
     if _OF_ENVIRONMENT in settings.markers:
@@ -194,13 +195,13 @@ def _solid(kind, size, element, center=(0.0, 0.0, 0.0)):
     return _placed(marker, element.position + element.rotation @ center, _quaternion(element.rotation))
 
 
-def _marker(kind, job, k, last, color, cells):
+def _marker(kind, job, k, last, color):
     """Return one marker of object k, from its last pose with covariance."""
     model = job.scene.bodies[k].model
     if kind == "initial":
-        return _shape(model, *_initial_pose(job, k), color, 0.3, cells)
+        return _shape(model, *_initial_pose(job, k), color, 0.3)
     if kind == "predicted":
-        return _shape(model, *_pose(last.pose), color, 0.9, cells)
+        return _shape(model, *_pose(last.pose), color, 0.9)
     return _ellipsoid(last, color) if kind == "ellipsoid" else _fans(model, last)
 
 
@@ -221,9 +222,9 @@ def _placed(marker, position, quaternion):
     return marker
 
 
-def _shape(model, position, quaternion, color, alpha, cells):
+def _shape(model, position, quaternion, color, alpha):
     """Draw the surface of a model as balls of equal size, which fit in one marker."""
-    points, size = _surface_cells(model, cells)
+    points, size = _surface_cells(model)
     marker = Marker(type=Marker.SPHERE_LIST, color=_color(color, alpha))
     marker.scale.x = marker.scale.y = marker.scale.z = _BALL * size
     marker.points = [point_message(point) for point in points]
@@ -231,18 +232,11 @@ def _shape(model, position, quaternion, color, alpha, cells):
 
 
 @functools.lru_cache(maxsize=256)
-def _surface_cells(model, cells):
-    """Return cell centres (n, 3) at a packing's surface, relative to the model's origin, and their size [m].
-
-    Parameters
-    ----------
-    model : SpherePacking
-    cells : int
-        Number of cells along the longest side.
-    """
+def _surface_cells(model):
+    """Return cell centres (n, 3) at a packing's surface, from the model's origin, and their size [m]."""
     low = (model.centers - model.radii[:, None]).min(axis=0)
     high = (model.centers + model.radii[:, None]).max(axis=0)
-    size = float((high - low).max() / cells)
+    size = float((high - low).max() / _CELLS)
     shape = np.maximum(np.ceil((high - low) / size).astype(int), 1)
     centers = (
         np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), axis=-1) * size

@@ -158,13 +158,6 @@ class Settings:
     max_spheres: int = parameter(100_000, "Maximum number of spheres of one object.", low=1, high=10_000_000)
     max_elements: int = parameter(200, "Maximum number of elements of an environment.", low=0, high=10_000)
     max_regions: int = parameter(100, "Maximum number of regions of a request.", low=0, high=10_000)
-    max_flight_steps: int = parameter(
-        4_000,
-        "Maximum number of time steps, times moving objects, of flights up to the first contacts. Beyond it,"
-        " intervals of probabilities are 0 to 1 for propagators without samples.",
-        low=0,
-        high=100_000_000,
-    )
     max_samples: int = parameter(
         20_000,
         "Maximum number of samples of a propagator; a larger default is lowered to it.",
@@ -326,7 +319,6 @@ class Settings:
         "Content of ~/markers and ~/stream_markers for each object, and whether they show the environment.",
         choices=("predicted", "initial", "ellipsoid", "rotation", "environment"),
     )
-    marker_cells: int = parameter(12, "Cells along the longest side of a drawn shape.", low=2, high=40)
     marker_lifetime: float = parameter(
         10.0,
         "Duration for which markers are shown [s]; 0: until other markers replace them.",

@@ -221,7 +221,7 @@ class PredictionServer:
                 "a covariance of zeros was read as unknown and takes the defaults of the parameters; set "
                 "zero_covariance to 'exact' if it means exactly known (logged once)"
             )
-        prediction = job.run(report, self.settings.max_flight_steps)
+        prediction = job.run(report)
         self.diagnostics.predicted(prediction)
         return prediction
 

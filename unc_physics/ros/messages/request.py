@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import secrets
 from collections.abc import Callable, Sequence
@@ -60,6 +59,9 @@ _TARGETS = {
 }
 # how far a budget of time may be exceeded: as a share of it, and in any case [s]
 _OVER_BUDGET, _OVER_ANY_BUDGET = 0.05, 0.025
+# most time steps times moving bodies for which samples fly up to their first contacts; with more, the flights
+# would take longer than the prediction of propagators without samples
+_MOST_FLIGHT_STEPS = 4000
 _SEED_BITS = 53  # largest integers that JavaScript and MATLAB clients represent exactly
 
 
@@ -170,18 +172,13 @@ class Job:
             found += object_events(bodies)
         return found
 
-    def run(
-        self, progress: Callable[[int, int], object] | None = None, max_flight_steps: float = math.inf
-    ) -> Prediction:
+    def run(self, progress: Callable[[int, int], object] | None = None) -> Prediction:
         """Run the prediction.
 
         Parameters
         ----------
         progress : callable, optional
             As in `predict`.
-        max_flight_steps : float
-            Largest number of time steps times moving bodies for which probabilities are bounded by the
-            closed-form flight up to the first contact.
 
         Raises
         ------
@@ -197,7 +194,7 @@ class Job:
                 self.marks,
                 max_computation_time=self.max_computation_time,
                 progress=progress,
-                events=self.events if steps <= max_flight_steps else (),
+                events=self.events if steps <= _MOST_FLIGHT_STEPS else (),
             )
         except PredictionTimeoutError as error:
             budget = getattr(self.propagator, "time", 0.0)
