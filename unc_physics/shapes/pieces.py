@@ -21,7 +21,6 @@ from .columns import (
     AXES,
     AZIMUTH,
     CENTER,
-    CORNERS_FROM,
     COS_HALF,
     FIRST_FACE,
     FIRST_POINT,

@@ -1,0 +1,387 @@
+"""Kernels: contact points of two pieces, and of two bodies.
+
+Where the surfaces that face each other along the normal overlap, their corners and crossings are contacts.
+Rows are as in `columns`: point, gap, normal, pieces, and whose face it is.
+"""
+
+import math
+
+from ..compiler import inner, kernel
+from ..compiler.arrays import empty
+from ..spatial.rotation import cross
+from ..spatial.vectors import dot, minus, plus, times, triple
+from .columns import (
+    CENTER,
+    CONTACT,
+    FACE_OF,
+    FACE_OF_A,
+    FACE_OF_B,
+    FARNESS,
+    FIRST_FACE,
+    FIRST_POINT,
+    GAP,
+    HALF_SPACE,
+    HULL,
+    KIND,
+    LAST_FACE,
+    LAST_POINT,
+    NO_FACE,
+    NORMAL,
+    OWNER,
+    PIECE_A,
+    PIECE_B,
+    POINT,
+    POLYGON,
+    POSITION,
+    RADIUS,
+    ROTATION,
+    ROUNDING,
+)
+from .nearest import half_space, nearest
+from .support import face, gap_along, get, matrix_times, put, transposed_times, unit
+
+#: Most contacts of two pieces, and of two bodies; a bowl in a bowl needs about 24.
+MOST_OF_PIECES, MOST_OF_BODIES = 4, 32
+_FLAT_ON_FACE = 1e-7  # 1 - cosine up to which the normal is that of the face
+_OBLIQUE = 0.5  # cosine below which a surface does not face along the normal
+_PARALLEL = 4e-4  # squared sine up to which two segments are parallel (1.1 degrees)
+_DEEPER = 1e-4  # a nearest point that is nearer than all corners by more is a contact of its own [m]
+_TURN = 2.5e-3  # squared distance that counts as a turn of a normal by 1: .1 rad is 5 mm [m^2]
+_GHOST = 1e-4  # another pair's normal that parts two pieces up to this depth replaces their own [m]
+_ALIKE = 2e-4  # 1 - cosine of normals of which one stands for both (1.1 degrees)
+
+
+@inner
+def _clip(polygon, count, o, e, out):
+    """Clip a polygon or segment by ``(x - o) . e <= 0``; return the number of corners in ``out``."""
+    kept = 0
+    if count == 0:
+        return 0
+    last = get(polygon, count - 1)
+    side_last = dot(minus(last, o), e)
+    for k in range(count):
+        p = get(polygon, k)
+        side = dot(minus(p, o), e)
+        # the closing edge of a segment is the segment itself
+        if (side < 0.0) != (side_last < 0.0) and not (count == 2 and k == 0) and count > 1:
+            put(out, kept, plus(last, times(side_last / (side_last - side), minus(p, last))))
+            kept += 1
+        if side < 0.0 or (count == 1 and side <= 0.0):
+            put(out, kept, p)
+            kept += 1
+        last, side_last = p, side
+    return kept
+
+
+@inner
+def write_contact(out, k, point, gap, n, a, b, whose):
+    """Write a contact into row k."""
+    for j in range(3):
+        out[k, POINT + j], out[k, NORMAL + j] = point[j], n[j]
+    out[k, GAP], out[k, PIECE_A], out[k, PIECE_B], out[k, FACE_OF] = gap, a, b, whose
+
+
+@inner
+def reduce(out, first, last, most):
+    """Keep the deepest contact of the rows and those that differ most in place or direction; return the end."""
+    if last - first <= most:
+        return last
+    for k in range(first, last):
+        out[k, FARNESS] = math.inf
+    for c in range(first, first + most):
+        best, found = -math.inf, c
+        for k in range(c, last):
+            if c == first:
+                value = -out[k, GAP]
+            else:  # a wide gap counts against a place
+                value = out[k, FARNESS] - 1e-2 * max(out[k, GAP], 0.0) * math.sqrt(out[k, FARNESS])
+            # ties of symmetric outlines go to the first row, not to round-off
+            if k == c or value > best * (1.0 + 1e-4) + 1e-12:
+                best, found = value, k
+        if found != c:
+            for j in range(CONTACT):
+                out[c, j], out[found, j] = out[found, j], out[c, j]
+        p, n = triple(out[c], POINT), triple(out[c], NORMAL)
+        for k in range(c + 1, last):
+            d, e = minus(triple(out[k], POINT), p), minus(triple(out[k], NORMAL), n)
+            out[k, FARNESS] = min(out[k, FARNESS], dot(d, d) + _TURN * dot(e, e))
+    return first + most
+
+
+@inner
+def _on_half_space(a, b, far, lean, base, frames, pieces, rows, polygons, out, first):
+    """Write the contacts of piece b with the half-space a; return their number."""
+    o, n = half_space(a, base, frames, pieces, rows)
+    piece = pieces[b]
+    end, polygon = first, polygons[0]
+    if piece[KIND] == HULL and piece[LAST_FACE] > piece[FIRST_FACE]:
+        frame = frames[int(piece[OWNER])]
+        start = minus(triple(frame, POSITION), base)
+        d = transposed_times(frame, ROTATION, n)
+        height = dot(minus(start, o), n) - piece[ROUNDING]
+        for v in range(int(piece[FIRST_POINT]), int(piece[LAST_POINT])):
+            gap = height + dot(d, get(rows, v))
+            if gap < far and end < len(out):
+                x = plus(start, matrix_times(frame, ROTATION, get(rows, v)))
+                write_contact(
+                    out, end, minus(x, times(piece[ROUNDING] + 0.5 * gap, n)), gap, n, a, b, FACE_OF_A
+                )
+                end += 1
+        return reduce(out, first, end, MOST_OF_PIECES) - first
+    count, _ = face(b, times(-1.0, n), lean, base, frames, pieces, rows, polygon)
+    for k in range(count):
+        p = get(polygon, k)
+        gap = dot(minus(p, o), n)
+        if gap < far and end < len(out):
+            write_contact(out, end, minus(p, times(0.5 * gap, n)), gap, n, a, b, FACE_OF_A)
+            end += 1
+    return reduce(out, first, end, MOST_OF_PIECES) - first
+
+
+@inner
+def manifold_of_pieces(a, b, n, follow, far, lean, base, frames, pieces, rows, polygons, out, first):
+    """Write the contacts of two pieces that face each other along ``n``, from row ``first`` on.
+
+    Parameters
+    ----------
+    a, b : int
+        Rows of the pieces; only ``a`` may be a half-space.
+    n : tuple
+        Normal from a to b.
+    follow : bool
+        Whether ``n`` is only a guess, of a moment ago: the normal is then that of the face, and there are no
+        contacts if this is not the way in which the pieces part.
+    far : float
+        Largest gap of a contact [m].
+    lean : tuple
+        Direction in which a disc's first rim point lies (`support.face`).
+    base : tuple
+        Point to which contacts are relative, world axes.
+    polygons : (3, POLYGON, 3) array
+        Scratch.
+
+    Returns
+    -------
+    count : int
+        At most four.
+    gap : float
+        The least one; infinite without contacts.
+    normal : tuple
+        Of the contacts.
+    """
+    if pieces[a, KIND] == HALF_SPACE:
+        count = _on_half_space(a, b, far, lean, base, frames, pieces, rows, polygons, out, first)
+        gap = math.inf
+        for k in range(first, first + count):
+            gap = min(gap, out[k, GAP])
+        return count, gap, half_space(a, base, frames, pieces, rows)[1]
+    own, other, spare = polygons[0], polygons[1], polygons[2]
+    count_a, normal_a = face(a, n, lean, base, frames, pieces, rows, own)
+    count_b, normal_b = face(b, times(-1.0, n), lean, base, frames, pieces, rows, other)
+    flatter = -dot(normal_b, n) > dot(normal_a, n) + (1e-9 if follow else 1e-3)
+    swap = count_a < 3 or (count_b >= 3 and flatter)
+    if count_a < 3 and count_b < 3:
+        swap = count_a < count_b
+    side = -1.0 if swap else 1.0
+    if swap:
+        reference, size, normal, clipped, count = other, count_b, normal_b, own, count_a
+    else:
+        reference, size, normal, clipped, count = own, count_a, normal_a, other, count_b
+    o = get(reference, 0)
+    if size == 2:  # two segments, if they are nearly parallel
+        if count != 2:
+            return 0, math.inf, n
+        t, u = minus(get(reference, 1), o), minus(get(clipped, 1), get(clipped, 0))
+        across = cross(unit(t), unit(u))
+        if dot(across, across) > _PARALLEL:
+            return 0, math.inf, n
+        normal = unit(minus(times(side, n), times(side * dot(n, t) / dot(t, t), t)))
+    if size < 2:
+        return 0, math.inf, n
+    slope = abs(dot(normal, n))
+    if slope < (0.99 if follow else _OBLIQUE) or (follow and size == 2):
+        return 0, math.inf, n
+    for k in range(size):
+        p = get(reference, k)
+        e = (
+            cross(minus(get(reference, (k + 1) % size), p), normal)
+            if size > 2
+            else minus(p, get(reference, 1 - k))
+        )
+        inside = True
+        for c in range(count):
+            if dot(minus(get(clipped, c), p), e) > 0.0:
+                inside = False
+        if not inside:
+            count = _clip(clipped, count, p, e, spare)
+            clipped, spare = spare, clipped
+    on_face = size > 2 and (follow or slope > 1.0 - _FLAT_ON_FACE)
+    if on_face:
+        n, slope = times(side, normal), 1.0
+    whose = NO_FACE
+    if on_face:
+        whose = FACE_OF_B if swap else FACE_OF_A
+    end, least = first, math.inf
+    for k in range(count):
+        p = get(clipped, k)
+        gap = dot(minus(p, o), normal) / slope
+        if gap < far and end < len(out):
+            write_contact(out, end, minus(p, times(side * 0.5 * gap, n)), gap, n, a, b, whose)
+            least = min(least, gap)
+            end += 1
+    if follow and (end == first or least > gap_along(a, b, n, base, frames, pieces, rows) + 1e-6):
+        return 0, least, n
+    return reduce(out, first, end, MOST_OF_PIECES) - first, least, n
+
+
+@inner
+def contacts_of_pieces(a, b, n, known, far, lean, base, frames, pieces, rows, work, polygons, out, first):
+    """Write the contacts of two pieces; return their number, the gap (a lower bound beyond ``far``), the normal.
+
+    ``n`` is a first guess of the normal, or that of a moment ago if ``known``. Nearest points are a contact of
+    their own where no corner or crossing is as near.
+    """
+    if pieces[a, KIND] == HALF_SPACE:
+        return manifold_of_pieces(a, b, n, False, far, lean, base, frames, pieces, rows, polygons, out, first)
+    if known:
+        count, gap, m = manifold_of_pieces(
+            a, b, n, True, far, lean, base, frames, pieces, rows, polygons, out, first
+        )
+        if count > 0:
+            return count, gap, m
+    gap, n, p, q = nearest(a, b, n, known, far, base, frames, pieces, rows, work)
+    if gap > far:
+        return 0, gap, n
+    count, least, _ = manifold_of_pieces(
+        a, b, n, False, far, lean, base, frames, pieces, rows, polygons, out, first
+    )
+    if (count == 0 or least > gap + _DEEPER) and first + count < len(out):
+        write_contact(out, first + count, times(0.5, plus(p, q)), gap, n, a, b, NO_FACE)
+        count += 1
+    return count, gap, n
+
+
+#: Columns of a pair of pieces that are near each other: gap, pieces, normal, nearest points, and whether its
+#: normal stands for others.
+_NEAR_GAP, _NEAR_A, _NEAR_B, _NEAR_NORMAL, _NEAR_P, _NEAR_Q, _STANDS = 0, 1, 2, 3, 6, 9, 12
+NEAR = 13
+#: Contacts of two bodies before they are reduced, and pairs of pieces near each other.
+_CANDIDATES, _NEAR_PAIRS = 192, 512
+
+
+@inner
+def _centre(p, base, frames, pieces):
+    """Return the centre of a piece's bounding sphere, relative to ``base``."""
+    frame = frames[int(pieces[p, OWNER])]
+    return plus(
+        minus(triple(frame, POSITION), base), matrix_times(frame, ROTATION, triple(pieces[p], CENTER))
+    )
+
+
+@inner
+def _sort(near, count):
+    """Sort pairs of pieces by their gaps."""
+    for c in range(1, count):
+        k = c
+        while k > 0 and near[k - 1, _NEAR_GAP] > near[k, _NEAR_GAP]:
+            for j in range(NEAR):
+                near[k, j], near[k - 1, j] = near[k - 1, j], near[k, j]
+            k -= 1
+
+
+@inner
+def _parting_normal(near, c, count, base, frames, pieces, rows):
+    """Return a nearer pair's normal that also parts the pieces of pair c, or their own; and whether it is their own.
+
+    At the seam of two pieces of one surface, a third piece is nearest to an edge that is none of the body. The
+    normal of the surface parts it from both pieces.
+    """
+    gap, a, b, n = (
+        near[c, _NEAR_GAP],
+        int(near[c, _NEAR_A]),
+        int(near[c, _NEAR_B]),
+        triple(near[c], _NEAR_NORMAL),
+    )
+    for k in range(count):
+        e = triple(near[k], _NEAR_NORMAL)
+        nearer = near[k, _STANDS] > 0.0 if k < c else (k > c and near[k, _NEAR_GAP] < gap + _GHOST)
+        if nearer and dot(e, n) < 1.0 - 1e-9:
+            if gap_along(a, b, e, base, frames, pieces, rows) > min(near[k, _NEAR_GAP], 0.0) - _GHOST:
+                return e, False
+    return n, True
+
+
+@inner
+def contacts_of_bodies(i, j, far, lean, base, frames, pieces, rows, first, near, work, polygons, out):
+    """Write the contacts of bodies i and j with gaps of at most ``far``; return their number and the least gap.
+
+    The number is at most 32. It is -1 where `near` has no room for all pairs of pieces that are near.
+    """
+    count, least = 0, math.inf
+    for pa in range(first[i], first[i + 1]):
+        for pb in range(first[j], first[j + 1]):
+            a, b = (pb, pa) if pieces[pb, KIND] == HALF_SPACE else (pa, pb)
+            n = (0.0, 0.0, 1.0)
+            if pieces[a, KIND] != HALF_SPACE:
+                away = minus(_centre(b, base, frames, pieces), _centre(a, base, frames, pieces))
+                length = math.sqrt(dot(away, away))
+                if length - pieces[a, RADIUS] - pieces[b, RADIUS] > far:
+                    continue
+                n = times(1.0 / length, away) if length > 0.0 else n
+            gap, n, p, q = nearest(a, b, n, False, far, base, frames, pieces, rows, work)
+            least = min(least, gap)
+            if gap > far:
+                continue
+            if count == len(near):
+                return -1, least
+            near[count, _NEAR_GAP], near[count, _NEAR_A], near[count, _NEAR_B] = gap, a, b
+            for k in range(3):
+                near[count, _NEAR_NORMAL + k], near[count, _NEAR_P + k] = n[k], p[k]
+                near[count, _NEAR_Q + k] = q[k]
+            near[count, _STANDS] = 1.0
+            count += 1
+    _sort(near, count)
+    end = 0
+    for c in range(count):
+        a, b, gap = int(near[c, _NEAR_A]), int(near[c, _NEAR_B]), near[c, _NEAR_GAP]
+        n, own = _parting_normal(near, c, count, base, frames, pieces, rows)
+        for k in range(3):
+            near[c, _NEAR_NORMAL + k] = n[k]
+        for k in range(c):
+            if near[k, _STANDS] > 0.0 and dot(triple(near[k], _NEAR_NORMAL), n) > 1.0 - _ALIKE:
+                near[c, _STANDS] = 0.0
+                break
+        written, lowest, _ = manifold_of_pieces(
+            a, b, n, False, far, lean, base, frames, pieces, rows, polygons, out, end
+        )
+        if (
+            own
+            and pieces[a, KIND] != HALF_SPACE
+            and (written == 0 or lowest > gap + _DEEPER)
+            and end + written < len(out)
+        ):
+            middle = times(0.5, plus(triple(near[c], _NEAR_P), triple(near[c], _NEAR_Q)))
+            write_contact(out, end + written, middle, gap, n, a, b, NO_FACE)
+            written += 1
+        end += written
+    end = reduce(out, 0, end, MOST_OF_BODIES)
+    for k in range(end):  # normals point from body i to body j
+        if int(pieces[int(out[k, PIECE_A]), OWNER]) != i:
+            for c in range(3):
+                out[k, NORMAL + c] = -out[k, NORMAL + c]
+            out[k, PIECE_A], out[k, PIECE_B] = out[k, PIECE_B], out[k, PIECE_A]
+            if out[k, FACE_OF] != NO_FACE:
+                out[k, FACE_OF] = FACE_OF_A + FACE_OF_B - out[k, FACE_OF]
+    return end, least
+
+
+@kernel
+def manifold_of_bodies(frames, pieces, rows, first, far, lean):
+    """Return the contacts (n, CONTACT) of the bodies in the first two frames, relative to the first, and the gap."""
+    near, out = empty((_NEAR_PAIRS, NEAR)), empty((_CANDIDATES, CONTACT))
+    work, polygons = empty((12, 3)), empty((3, POLYGON, 3))
+    base = triple(frames[0], POSITION)
+    count, gap = contacts_of_bodies(
+        0, 1, far, (lean[0], lean[1], lean[2]), base, frames, pieces, rows, first, near, work, polygons, out
+    )
+    return out[: max(count, 0)].copy(), gap
