@@ -8,10 +8,19 @@ from __future__ import annotations
 import numpy as np
 
 INCH = 0.0254
+#: Mug: radius, height, thickness of the wall and of the base; half axes of its handle's section [m].
+MUG, HANDLE = (0.041, 0.095, 0.004, 0.006), (0.0045, 0.0065)
+#: Bin: edges, thickness of the walls, width of the flange [m].
+BIN = (0.300, 0.200, 0.147, 0.004, 0.006)
 
 
 def pin():
-    """Return a tenpin, 15 in high.
+    """Return a tenpin, 15 in high."""
+    return revolved(pin_profile(), segments=160)
+
+
+def pin_profile():
+    """Return the profile of a tenpin.
 
     The diameter is 4.77 in at the belly, 1.80 in at the neck, 2.55 in at the head and 2.03 in at the base. A
     cubic spline joins the gauge points of the tenpin's specification. The head ends in a ball.
@@ -30,7 +39,7 @@ def pin():
     angle = np.linspace(np.arcsin((13.5 - ball) / head), 0.5 * np.pi, 25)[1:-1]
     r = np.concatenate([CubicSpline(height, 0.5 * diameter)(z), head * np.cos(angle)])
     z = np.concatenate([z, ball + head * np.sin(angle)])
-    return revolved(np.column_stack([r, z]) * INCH, 0.0, 15.0 * INCH, segments=160)
+    return closed(np.column_stack([r, z]) * INCH, 0.0, 15.0 * INCH)
 
 
 def salt_box():
@@ -40,6 +49,11 @@ def salt_box():
 
 def can():
     """Return a 400 g food can, full, with rims."""
+    return revolved(can_profile(), segments=128)
+
+
+def can_profile():
+    """Return the profile of a can with rims."""
     r, h, rim, deep = 0.0365, 0.110, 0.0015, 0.003
     end = np.array(
         [
@@ -51,11 +65,16 @@ def can():
             [r, 0.004],
         ]
     )
-    return revolved(np.concatenate([end, mirrored(end, h)]), deep, h - deep, segments=128)
+    return closed(np.concatenate([end, mirrored(end, h)]), deep, h - deep)
 
 
 def bottle():
     """Return a full half-litre drinks bottle."""
+    return revolved(bottle_profile(), segments=96)
+
+
+def bottle_profile():
+    """Return the profile of a bottle with a waist, a neck and a ring."""
     profile = np.array(
         [
             [0.018, 0.003],
@@ -79,28 +98,20 @@ def bottle():
             [0.0145, 0.230],
         ]
     )
-    return revolved(profile, 0.006, 0.230, segments=96)
+    return closed(profile, 0.006, 0.230)
 
 
 def mug():
     """Return a stoneware mug with a handle."""
     import trimesh
 
-    r, h, wall, base = 0.041, 0.095, 0.004, 0.006
-    lip = rounded_edge(r - wall, r, h)
-    outside = np.array([[r - 0.003, 0.0], [r - 0.001, 0.001], [r, 0.003]])
-    inside = np.array([[r - wall, base + 0.004], [r - wall - 0.001, base + 0.001], [r - wall - 0.004, base]])
-    body = revolved(np.concatenate([outside, lip, inside]), 0.0, base, segments=128)
-    # The handle's ends lie in the middle of the wall; its loop is an ellipse, its section another.
-    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 49)
-    middle = np.column_stack([r - 0.0028 + 0.030 * np.cos(turn), np.zeros(49), 0.0475 + 0.029 * np.sin(turn)])
-    out = np.column_stack([0.029 * np.cos(turn), np.zeros(49), 0.030 * np.sin(turn)])
-    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    body = revolved(mug_profile(), segments=128)
+    middle, out = handle_loop(49)
     around = 2.0 * np.pi * np.arange(32) / 32
     rings = (
         middle[:, None]
-        + 0.0045 * np.cos(around)[None, :, None] * out[:, None]
-        + 0.0065 * np.sin(around)[None, :, None] * np.array([0.0, 1.0, 0.0])
+        + HANDLE[0] * np.cos(around)[None, :, None] * out[:, None]
+        + HANDLE[1] * np.sin(around)[None, :, None] * np.array([0.0, 1.0, 0.0])
     )
     handle = lofted(list(rings), middle[0], middle[-1])
     union = trimesh.boolean.union(
@@ -109,8 +120,35 @@ def mug():
     return np.asarray(union.vertices), np.asarray(union.faces, dtype=np.int64)
 
 
+def mug_profile():
+    """Return the profile of a mug without its handle."""
+    r, h, wall, base = MUG
+    lip = rounded_edge(r - wall, r, h)
+    outside = np.array([[r - 0.003, 0.0], [r - 0.001, 0.001], [r, 0.003]])
+    inside = np.array([[r - wall, base + 0.004], [r - wall - 0.001, base + 0.001], [r - wall - 0.004, base]])
+    return closed(np.concatenate([outside, lip, inside]), 0.0, base)
+
+
+def handle_loop(count):
+    """Return points (count, 3) along the middle of a mug's handle, and unit vectors (count, 3) out of its loop.
+
+    The ends lie in the middle of the wall. The loop is an ellipse, and so is the section, with half axes
+    `HANDLE`.
+    """
+    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, count)
+    across, along = 0.030 * np.cos(turn), 0.029 * np.sin(turn)
+    middle = np.column_stack([MUG[0] - 0.0028 + across, np.zeros(count), 0.0475 + along])
+    out = np.column_stack([0.029 * np.cos(turn), np.zeros(count), 0.030 * np.sin(turn)])
+    return middle, out / np.linalg.norm(out, axis=1, keepdims=True)
+
+
 def bowl():
     """Return a stoneware cereal bowl on a foot ring."""
+    return revolved(bowl_profile(), segments=128)
+
+
+def bowl_profile():
+    """Return the profile of a bowl."""
     wall, foot = 0.005, 0.004
     t = np.linspace(0.0, 1.0, 24)
     outer = np.column_stack(
@@ -121,17 +159,22 @@ def bowl():
     inner = outer + wall * inward / np.linalg.norm(inward, axis=1, keepdims=True)
     lip = rounded_edge(inner[-1, 0], outer[-1, 0], outer[-1, 1] + 0.5 * wall)
     ring = np.array([[0.024, foot], [0.025, 0.0], [0.029, 0.0]])
-    return revolved(np.concatenate([ring, outer[:-1], lip, inner[-2::-1]]), foot, foot + wall, segments=128)
+    return closed(np.concatenate([ring, outer[:-1], lip, inner[-2::-1]]), foot, foot + wall)
 
 
 def plate():
     """Return a stoneware dinner plate on a foot ring."""
+    return revolved(plate_profile(), segments=160)
+
+
+def plate_profile():
+    """Return the profile of a plate."""
     under = np.array(
         [[0.073, 0.003], [0.074, 0.000], [0.078, 0.000], [0.080, 0.003], [0.096, 0.011], [0.127, 0.017]]
     )
     upper = np.array([[0.127, 0.022], [0.095, 0.0162], [0.078, 0.008], [0.073, 0.008]])
     edge = np.array([[0.1290, 0.0178], [0.1298, 0.0195], [0.1290, 0.0212]])
-    return revolved(np.concatenate([under, edge, upper]), 0.003, 0.008, segments=160)
+    return closed(np.concatenate([under, edge, upper]), 0.003, 0.008)
 
 
 def brick():
@@ -141,7 +184,7 @@ def brick():
 
 def bin():
     """Return a small load carrier of 300 x 200 x 147 mm, open at the top, with a flange and 4 mm walls."""
-    x, y, h, wall, flange = 0.300, 0.200, 0.147, 0.004, 0.006
+    x, y, h, wall, flange = BIN
     u, v = x - 2.0 * flange, y - 2.0 * flange
     return lofted(
         [
@@ -177,14 +220,17 @@ def rounded_box(size=(0.1048, 0.1048, 0.1048), radius=0.005, segments=6):
     return lofted(rings, heights[0], heights[-1])
 
 
-def revolved(profile, first, last, segments):
-    """Return the solid of revolution of a profile (k, 2) of radius and height.
+def closed(profile, first, last):
+    """Return a profile (k, 2) of radius and height with the heights of its ends on the axis."""
+    return np.concatenate([[[0.0, first]], profile, [[0.0, last]]])
 
-    Cones close it: from the first and the last ring to the heights ``first`` and ``last`` on the axis.
-    """
+
+def revolved(profile, segments):
+    """Return the solid of revolution of a profile (k, 2) of radius and height that begins and ends on the axis."""
     angle = 2.0 * np.pi * np.arange(segments) / segments
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    return lofted([np.column_stack([r * circle, np.full(segments, z)]) for r, z in profile], first, last)
+    rings = [np.column_stack([r * circle, np.full(segments, z)]) for r, z in profile[1:-1]]
+    return lofted(rings, float(profile[0, 1]), float(profile[-1, 1]))
 
 
 def lofted(rings, first, last):

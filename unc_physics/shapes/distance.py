@@ -147,6 +147,11 @@ def _even_directions(count):
 _DIRECTIONS = _even_directions(64)
 
 
+def identity_frame() -> np.ndarray:
+    """Return the row (12,) of a frame at the origin."""
+    return np.array([0.0, 0.0, 0.0, *np.eye(3).ravel()])
+
+
 def _frame(pose, field):
     """Return the row of a body's frame from its pose."""
     try:

@@ -302,7 +302,7 @@ def ring(profile: ArrayLike, tolerance: float, rounding: float = 0.0) -> list[La
     for p, q in zip(profile, np.roll(profile, -1, axis=0), strict=True):
         along = (q - p) / np.linalg.norm(q - p)
         if along[1] < -1e-9:  # the edge faces the axis
-            sagitta = min(tolerance / -along[1] / max(p[0], q[0]), 0.5)
+            sagitta = min(tolerance / max(-along[1] * max(p[0], q[0]), 1e-300), 0.5)
             count = max(count, math.ceil(math.pi / math.acos(1.0 - sagitta) - 1e-9))
     half = math.pi / count
     return [Lathe(profile, rounding, azimuth=half * (2 * k + 1), half_angle=half) for k in range(count)]

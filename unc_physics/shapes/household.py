@@ -1,0 +1,72 @@
+"""Pieces of the library's household models, in the axes of their meshes [m]."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..geometry import shapes as meshes
+from .pieces import Hull, Lathe, Piece, box
+from .revolution import lathe_pieces
+
+#: Largest distance by which pieces stick out into what is hollow [m]. A tenth of it takes ten times as many pieces.
+HOLLOW = 6.5e-4
+_HANDLE_PARTS = 12  # hulls along a mug's handle; the loop's bends are lost by a quarter of a millimetre
+_SECTION = 8  # points of a half section of the handle
+
+
+def bin_pieces() -> list[Piece]:
+    """Return the bottom, walls and flange of a bin."""
+    x, y, h, wall, flange = meshes.BIN
+    u, v = x - 2.0 * flange, y - 2.0 * flange
+    parts: list[Piece] = [box((u, v, wall), (0.0, 0.0, 0.5 * wall))]
+    for side in (-1.0, 1.0):
+        parts.append(box((wall, v, h), (side * 0.5 * (u - wall), 0.0, 0.5 * h)))
+        parts.append(box((u, wall, h), (0.0, side * 0.5 * (v - wall), 0.5 * h)))
+        width = flange + wall
+        parts.append(box((width, y, wall), (side * 0.5 * (x - width), 0.0, h - 0.5 * wall)))
+        parts.append(box((x, width, wall), (0.0, side * 0.5 * (y - width), h - 0.5 * wall)))
+    return parts
+
+
+def mug_pieces() -> list[Piece]:
+    """Return the body and the handle of a mug."""
+    middle, out = meshes.handle_loop(_HANDLE_PARTS + 1)
+    thin, wide = meshes.HANDLE
+    rounding = thin**2 / wide  # least radius of curvature of the elliptic section
+    turn = 2.0 * np.pi * (np.arange(2 * _SECTION) + 0.5) / (2 * _SECTION)
+    point = np.column_stack([thin * np.cos(turn), wide * np.sin(turn)])
+    normal = np.column_stack([np.cos(turn) / thin, np.sin(turn) / wide])
+    point -= rounding * normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    sections = middle[:, None] + point[:, :1] * out[:, None] + point[:, 1:] * np.array([0.0, 1.0, 0.0])
+    handle = [Hull(np.concatenate(sections[k : k + 2]), rounding) for k in range(_HANDLE_PARTS)]
+    return [*lathe_pieces(meshes.mug_profile(), HOLLOW), *handle]
+
+
+def can_pieces() -> list[Piece]:
+    """Return the body and the rims of a can; what the lids lie below the rims is filled in."""
+    profile = meshes.can_profile()
+    height = float(profile[:, 1].max())
+    return list(lathe_pieces(np.concatenate([[[0.0, 0.0]], profile[2:-2], [[0.0, height]]]), HOLLOW))
+
+
+def rounded_box_pieces() -> list[Piece]:
+    """Return the cube of the recorded tosses."""
+    size, radius = 0.1048, 0.005
+    return [box((size - 2.0 * radius,) * 3, (0.0, 0.0, 0.5 * size), radius)]
+
+
+#: Pieces of household models by their names.
+HOUSEHOLD: dict[str, Callable[[], list[Piece]]] = {
+    "bin": bin_pieces,
+    "bottle": lambda: list(lathe_pieces(meshes.bottle_profile(), HOLLOW)),
+    "bowl": lambda: list(lathe_pieces(meshes.bowl_profile(), HOLLOW)),
+    "brick": lambda: [box((0.240, 0.115, 0.071), (0.0, 0.0, 0.0355))],
+    "can": can_pieces,
+    "mug": mug_pieces,
+    "pin": lambda: list(lathe_pieces(meshes.pin_profile(), HOLLOW)),
+    "plate": lambda: list(lathe_pieces(meshes.plate_profile(), HOLLOW)),
+    "rounded_box": rounded_box_pieces,
+    "salt_box": lambda: [box((0.078, 0.046, 0.122), (0.0, 0.0, 0.061))],
+}
