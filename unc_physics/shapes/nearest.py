@@ -32,11 +32,13 @@ from .support import gap_along, get, matrix_times, meridian, put, support, trans
 #: 1e-11, near enough to leave the nearest features as they are.
 DRAWN_APART = 1e-4
 _OVERLAPPING = 1e-7  # distance of cores below which the direction between them is uncertain [m]
-_ACCURACY = 1e-12  # of distances, absolute and relative [m]
+_ACCURACY = 1e-12  # relative, of squared distances; a direction is then certain to 1e-6 rad
+_ROUND_OFF = 1e-17  # of distances [m]
 _ITERATIONS = 64  # of GJK; smooth pieces take about 20
-_ROUNDS = 32  # of drawing apart; faces take two
+_UNPROVEN = 1e-10  # difference of the distance of two points and the gap along their direction [m]
+_ROUNDS = 64  # of drawing apart; faces take two
 _SAME = 1e-13  # 1 - cosine of directions that agree
-_GAINED = 1e-10  # a round that increases the gap by less is the last [m]
+_GAINED = 1e-12  # a round that increases the gap by less is the last [m]
 
 
 @inner
@@ -113,16 +115,17 @@ def core_distance(a, b, start, shift, far, base, frames, pieces, rows, work):
     the cores overlap or touch.
     """
     v, p, q = start, start, start
-    count, last = 0, math.inf
+    count, last, apart = 0, math.inf, False
     for _ in range(_ITERATIONS):
         s = support(a, v, base, frames, pieces, rows)
         t = plus(support(b, times(-1.0, v), base, frames, pieces, rows), shift)
         w = minus(t, s)
         vv, vw = dot(v, v), dot(v, w)
+        apart = apart or vw > 0.0
         if count > 0:
             if vw > 0.0 and vw * vw > far * far * vv:
                 return vw / math.sqrt(vv), unit(v), s, t
-            if vv - vw <= _ACCURACY * (vv + math.sqrt(vv)):
+            if vv - vw <= _ACCURACY * vv + _ROUND_OFF * math.sqrt(vv):
                 break
             known = False
             for k in range(count):
@@ -135,6 +138,8 @@ def core_distance(a, b, start, shift, far, base, frames, pieces, rows, work):
         put(work, 8 + count, t)
         weights, inside = _simplex_weights(work, count + 1)
         if inside:
+            if apart:
+                break  # round-off of a flat tetrahedron: a plane parts the cores
             return -1.0, start, s, t
         kept, new, s, t = 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for k in range(count + 1):
@@ -257,7 +262,9 @@ def nearest(a, b, n, known, far, base, frames, pieces, rows, work):
         d, m, p, q = core_distance(a, b, n, (0.0, 0.0, 0.0), far + swept, base, frames, pieces, rows, work)
     if d < 0.0:
         m = n if known else best_face_normal(a, b, n, base, frames, pieces, rows)
-        gap, m, p, q = drawn_apart(a, b, m, far, base, frames, pieces, rows, work)
-    else:
+    elif d > 2.0 * DRAWN_APART or d - swept - gap_along(a, b, m, base, frames, pieces, rows) < _UNPROVEN:
         gap = d - swept
+        return gap, m, plus(p, times(pieces[a, ROUNDING], m)), minus(q, times(pieces[b, ROUNDING], m))
+    # overlapping, or so near that the direction between points of round surfaces is uncertain
+    gap, m, p, q = drawn_apart(a, b, m, far, base, frames, pieces, rows, work)
     return gap, m, plus(p, times(pieces[a, ROUNDING], m)), minus(q, times(pieces[b, ROUNDING], m))
