@@ -50,7 +50,7 @@ def turn(rng):
 
 
 def reach(piece, R, p, n):
-    """How far a piece with rotation R (3, 3) at p reaches along unit vectors n (k, 3), from the world's origin."""
+    """How far a piece at p with rotation R reaches along unit vectors n (k, 3), from the world's origin."""
     n = np.atleast_2d(n)
     b = n @ R
     if isinstance(piece, HalfSpace):

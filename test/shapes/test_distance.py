@@ -1,4 +1,4 @@
-"""Signed distances of pieces, judged by support functions: a pair of points and a plane between them prove a distance."""
+"""Signed distances of pieces, judged by support functions: points and a plane between them prove each one."""
 
 import itertools
 

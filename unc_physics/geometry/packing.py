@@ -79,7 +79,7 @@ def pack_solid(
     progress : callable, optional
         Called now and then with the number of spheres placed and the part of the volume filled.
     **about
-        ``source`` and ``licence`` for the model file.
+        ``source``, ``licence`` and ``pieces`` for the model file.
 
     Returns
     -------

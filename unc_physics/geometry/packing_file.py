@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import tempfile
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ import numpy as np
 
 from ..checks.errors import InvalidModelError, LimitExceededError, UncPhysicsError
 from ..checks.validation import FARTHEST, instance
+from ..shapes.piece_file import KEYS, NUMBERS_LIMIT, PIECES_LIMIT, piece_entries, pieces_of_entries
+from ..shapes.pieces import Balls, Hull, Lathe, Piece
 
 _PROPORTION = 1e12  # of an inertia and the square of its body's reach, to either side
 #: What few spheres may change: the extent of a body, and how far a ball of 10 mm sinks into it [m].
@@ -61,6 +64,9 @@ class SpherePacking:
         most [m]; at most 20 mm, where it sinks in whole.
     source, licence : str or None
         Where the mesh comes from, and under which terms.
+    pieces : sequence of Piece
+        Convex pieces whose union is the solid; by default one ball for each sphere. A prefix keeps given
+        ones.
 
     Raises
     ------
@@ -84,6 +90,7 @@ class SpherePacking:
     sinks: np.ndarray | None = None
     source: str | None = None
     licence: str | None = None
+    pieces: Sequence[Piece] = ()
 
     def __post_init__(self):
         for field, shape in _ARRAYS.items():
@@ -101,6 +108,7 @@ class SpherePacking:
         if self.surface_gap is not None and self.surface_gap < 0.0:
             raise InvalidModelError("must not be negative", field="surface_gap", value=self.surface_gap)
         self._check_measures()
+        self._check_pieces()
         reach = spheres_reach(self.centers, self.radii)
         if reach > self.bounding_radius * (1.0 + ROUND_OFF):
             raise InvalidModelError(
@@ -108,6 +116,20 @@ class SpherePacking:
                 field="bounding_radius",
                 value=self.bounding_radius,
             )
+
+    def _check_pieces(self):
+        """Raise `InvalidModelError` unless all pieces are bounded; without any, each sphere is one."""
+        if isinstance(self.pieces, Balls) or len(self.pieces) == 0:
+            self._set("pieces", Balls(self.centers, self.radii))
+            return
+        if len(self.pieces) > PIECES_LIMIT:
+            raise LimitExceededError(
+                f"must be at most {PIECES_LIMIT}", field="pieces", value=len(self.pieces)
+            )
+        for k, piece in enumerate(self.pieces):
+            if not isinstance(piece, (Hull, Lathe)):
+                raise InvalidModelError("must be a Hull or a Lathe", field=f"pieces[{k}]", value=piece)
+        self._set("pieces", tuple(self.pieces))
 
     def _check_measures(self):
         """Raise `InvalidModelError` for malformed measures, and drop measures without numbers of spheres."""
@@ -153,6 +175,11 @@ class SpherePacking:
         spheres overlap).
         """
         return self.sphere_volume / self.volume
+
+    @property
+    def has_only_spheres(self) -> bool:
+        """Whether there are no pieces but the spheres: a small body can then pass between them."""
+        return isinstance(self.pieces, Balls)
 
     @property
     def extent_loss(self) -> float | None:
@@ -244,9 +271,14 @@ class SpherePacking:
             for field, power in _POWERS.items()
             if (value := getattr(self, field)) is not None
         }
-        return replace(self, **(scaled if scale < 1.0 else scaled | {"sinks": None}))
+        if scale > 1.0:
+            scaled["sinks"] = None
+        if not self.has_only_spheres:
+            scaled["pieces"] = tuple(piece.scaled(scale) for piece in self.pieces)
+        return replace(self, **scaled)
 
 
+_VERSION = "format_version"
 _MEASURES = ("measured_spheres", "extent_losses", "sinks")
 _LENGTHS = ("centers", "radii", "origin", "bounding_radius", "bounds", "surface_gap")
 #: Powers of a length by which fields scale.
@@ -263,6 +295,8 @@ _SCALARS = ("volume", "bounding_radius", "mass", "surface_gap")
 _TEXTS = ("name", "mesh_sha256", "source", "licence")
 #: Most spheres of a file, and most characters of a text in it: a small file may say that it holds terabytes.
 SPHERES_LIMIT, _TEXT_LIMIT = 10_000_000, 100_000
+#: Version of the format that is written; files without one are of version 1, which had no pieces.
+FORMAT_VERSION = 2
 _HEADER = 10_000  # bytes, of an array; more than NumPy reads
 
 
@@ -290,7 +324,7 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
             _check_sizes(zipfile.ZipFile(stream), path)
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as file:
-                known = {field.name for field in fields(SpherePacking)}
+                known = {field.name for field in fields(SpherePacking)} - {"pieces"} | {_VERSION, *KEYS}
                 values: dict[str, Any] = {key: file[key] for key in file.files if key in known}
     except UncPhysicsError:
         raise
@@ -307,14 +341,33 @@ def load_packing(path: str | os.PathLike[str]) -> SpherePacking:
             values[field] = str(values[field][()])
     values.setdefault("name", path.stem)
     try:
-        return SpherePacking(**_completed(values))
+        _check_version(values.pop(_VERSION, 1))
+        return SpherePacking(**_completed(_with_pieces(values)))
     except InvalidModelError as error:
         raise error.at(f"model file {path}: {error.field}") from error
+
+
+def _check_version(version):
+    """Raise `InvalidModelError` unless this release reads files of a version."""
+    if version not in range(1, FORMAT_VERSION + 1):
+        raise InvalidModelError(
+            f"must be 1 to {FORMAT_VERSION}; a newer release of unc_physics may read the file",
+            field=_VERSION,
+            value=version,
+        )
+
+
+def _with_pieces(values):
+    """Return the fields of a file with pieces in place of their keys, if there are any."""
+    entries = {key: values[key] for key in KEYS if key in values}
+    others = {key: value for key, value in values.items() if key not in KEYS}
+    return others | {"pieces": pieces_of_entries(entries)} if entries else others
 
 
 def _check_sizes(archive, path):
     """Refuse arrays that are too large, by what the archive says of them before they are unpacked."""
     numbers = {"centers": 3 * SPHERES_LIMIT, "radii": SPHERES_LIMIT} | dict.fromkeys(_TEXTS, _TEXT_LIMIT)
+    numbers |= NUMBERS_LIMIT
     for entry in archive.infolist():
         field = entry.filename.removesuffix(".npy")
         most = 8 * numbers.get(field, 100) + _HEADER
@@ -340,6 +393,7 @@ def _completed(values):
         values["centers"] = centers
         values["origin"] = _array("origin", values["origin"], (3,)) - centroid
         values.pop("bounding_radius", None)  # was about another point
+        values["pieces"] = [piece.moved(-centroid, np.eye(3)) for piece in values.get("pieces", ())]
         if "bounds" in values:
             values["bounds"] = _array("bounds", values["bounds"], (2, 3)) - centroid
     values.setdefault("bounding_radius", spheres_reach(centers, radii))
@@ -355,6 +409,8 @@ def save_packing(path: str | os.PathLike[str], packing: SpherePacking) -> Path:
     instance(packing, SpherePacking, "packing")
     path = Path(path)
     values = {field.name: getattr(packing, field.name) for field in fields(packing)}
+    pieces = values.pop("pieces")
+    values |= {_VERSION: FORMAT_VERSION, **({} if packing.has_only_spheres else piece_entries(pieces))}
     given: dict[str, Any] = {key: np.asarray(value) for key, value in values.items() if value is not None}
     handle, partial = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
     try:

@@ -6,12 +6,16 @@ import contextlib
 import functools
 import hashlib
 import logging
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..checks.errors import InvalidModelError, NotSupportedError, UncPhysicsError
 from ..checks.names import hint
 from ..checks.validation import FARTHEST, array, positive
+from ..shapes.pieces import Hull, Lathe, box, capsule, cylinder
+from ..shapes.pieces import ball as piece_ball
 from .library import cache_dir
 from .packing_file import SpherePacking, load_packing, save_packing
 from .primitives import primitive
@@ -30,8 +34,9 @@ SPHERES = 600
 def primitive_model(shape: str, **size) -> SpherePacking:
     """Return the model of a sphere, box, cylinder or capsule about its centre.
 
-    A sphere is exact. The others are packed with 600 spheres, which needs the extra ``geometry`` and may take
-    a minute when a size is used for the first time. Afterwards the packing is read from the cache folder.
+    Its piece is the shape itself. So is the packing of a sphere. The others are packed with 600 spheres,
+    which needs the extra ``geometry`` and takes a minute when a size is used for the first time. Afterwards
+    the packing is read from the cache folder.
 
     Parameters
     ----------
@@ -70,6 +75,13 @@ def primitive_model(shape: str, **size) -> SpherePacking:
     return ball(lengths[0]) if shape == "sphere" else _packed(shape, tuple(lengths))
 
 
+def primitive_pieces(shape: str, lengths: Sequence[float]) -> tuple[Hull | Lathe, ...]:
+    """Return the piece of a shape about its centre, from its sizes in the order of `SIZES` [m]."""
+    if shape == "box":
+        return (box(np.ravel(lengths)),)
+    return ({"sphere": piece_ball, "cylinder": cylinder, "capsule": capsule}[shape](*lengths),)
+
+
 @functools.lru_cache(maxsize=256)
 def ball(radius: float) -> SpherePacking:
     """Return the packing of a ball, which is a single sphere; ``radius`` in m."""
@@ -81,6 +93,7 @@ def ball(radius: float) -> SpherePacking:
         volume=4.0 / 3.0 * np.pi * radius**3,
         origin=np.zeros(3),
         bounding_radius=radius,
+        pieces=primitive_pieces("sphere", [radius]),
     )
 
 
@@ -93,7 +106,7 @@ def _packed(shape, lengths):
     path = cache_dir().parent / "shapes" / f"{shape}_{digest}.npz"
     if path.is_file():
         with contextlib.suppress(UncPhysicsError):  # a damaged file is made again
-            return load_packing(path)
+            return replace(load_packing(path), pieces=primitive_pieces(shape, lengths))
     logging.getLogger("unc_physics").warning(
         "Packing a %s with %d spheres (once for each size, up to half a minute) ...", shape, SPHERES
     )
@@ -104,6 +117,7 @@ def _packed(shape, lengths):
 
         supports = capsule_supports(*lengths) if shape == "capsule" else None
         packing = pack_solid(make_solid(shape, *primitive(shape, lengths)), SPHERES, supports=supports)
+        packing = replace(packing, pieces=primitive_pieces(shape, lengths))
     except ImportError as error:
         raise NotSupportedError(
             f"needs {error.name} to be packed: pip install 'unc_physics[geometry]'", field=shape

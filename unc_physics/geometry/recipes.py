@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..checks.errors import InvalidMeshError, UnknownModelError
 from . import shapes
+from .household import HOUSEHOLD, household_pieces
 from .solid_mesh import SolidMesh, load_solid, make_solid
 
 STANFORD = (
@@ -52,7 +53,7 @@ RECIPES = {
 
 
 def recipe_solid(name, meshes=None) -> tuple[SolidMesh, dict]:
-    """Return the body of a key of `RECIPES`, and the model's ``mass``, ``source`` and ``licence``.
+    """Return the body of a key of `RECIPES`, and the model's ``mass``, ``source``, ``licence`` and pieces.
 
     ``meshes`` is the folder of the meshes that are no part of the repository; `InvalidMeshError` is raised if
     the model needs one and it is not there.
@@ -73,4 +74,7 @@ def recipe_solid(name, meshes=None) -> tuple[SolidMesh, dict]:
         solid = replace(load_solid(Path(meshes) / recipe.mesh)[0].scaled(recipe.scale), name=name)
         source, licence = STANFORD.format(recipe.mesh), STANFORD_TERMS
     mass = recipe.mass if recipe.mass is not None else recipe.density * solid.volume
-    return solid, {"mass": float(f"{mass:.3g}"), "source": source, "licence": licence}
+    about = {"mass": float(f"{mass:.3g}"), "source": source, "licence": licence}
+    if name in HOUSEHOLD:
+        about["pieces"] = household_pieces(name, solid.origin)
+    return solid, about

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from ..checks.errors import InvalidModelError
 from ..checks.validation import array
+from ..shapes.pieces import box
 from .packing_file import SINK, SpherePacking
 from .quality import PROBE
 
@@ -65,6 +66,7 @@ def rounded_box(
         bounds=corners[[0, -1]] * half,
         measured_spheres=np.unique([8, len(centers)]),
         extent_losses=np.zeros(len({8, len(centers)})),
+        pieces=(box(2.0 * (half - radius), rounding=radius),),
     )
 
 

@@ -10,6 +10,8 @@ import numpy as np
 INCH = 0.0254
 #: Mug: radius, height, thickness of the wall and of the base; half axes of its handle's section [m].
 MUG, HANDLE = (0.041, 0.095, 0.004, 0.006), (0.0045, 0.0065)
+#: Larger half axis of the loop of a mug's handle [m].
+HANDLE_LOOP = 0.030
 #: Bin: edges, thickness of the walls, width of the flange [m].
 BIN = (0.300, 0.200, 0.147, 0.004, 0.006)
 
@@ -130,15 +132,15 @@ def mug_profile():
 
 
 def handle_loop(count):
-    """Return points (count, 3) along the middle of a mug's handle, and unit vectors (count, 3) out of its loop.
+    """Return points (count, 3) along the middle of a mug's handle, and unit vectors out of its loop.
 
     The ends lie in the middle of the wall. The loop is an ellipse, and so is the section, with half axes
     `HANDLE`.
     """
     turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, count)
-    across, along = 0.030 * np.cos(turn), 0.029 * np.sin(turn)
+    across, along = HANDLE_LOOP * np.cos(turn), 0.029 * np.sin(turn)
     middle = np.column_stack([MUG[0] - 0.0028 + across, np.zeros(count), 0.0475 + along])
-    out = np.column_stack([0.029 * np.cos(turn), np.zeros(count), 0.030 * np.sin(turn)])
+    out = np.column_stack([0.029 * np.cos(turn), np.zeros(count), HANDLE_LOOP * np.sin(turn)])
     return middle, out / np.linalg.norm(out, axis=1, keepdims=True)
 
 
@@ -226,7 +228,7 @@ def closed(profile, first, last):
 
 
 def revolved(profile, segments):
-    """Return the solid of revolution of a profile (k, 2) of radius and height that begins and ends on the axis."""
+    """Return the solid of revolution of a profile (k, 2) that begins and ends on the axis."""
     angle = 2.0 * np.pi * np.arange(segments) / segments
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     rings = [np.column_stack([r * circle, np.full(segments, z)]) for r, z in profile[1:-1]]

@@ -14,6 +14,8 @@ from ..checks.errors import InvalidEnvironmentError, InvalidRequestError, LimitE
 from ..checks.names import with_named_arguments
 from ..checks.validation import FARTHEST, array, non_negative, number, point, positive, quaternion
 from ..collision import shapes
+from ..geometry.primitive_models import SIZES, primitive_pieces
+from ..shapes.pieces import HalfSpace, Piece
 from ..spatial.rotation import rotation_matrix
 from .materials import Surface, check_surface
 
@@ -149,6 +151,12 @@ class Element(ElementAttributes, Surface):
         return rotation_matrix(self.orientation)
 
     @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """The solid as convex pieces, world frame."""
+        own = primitive_pieces(self.shape, [getattr(self, name) for name in SIZES[self.shape]])
+        return tuple(piece.moved(self.position, self.rotation) for piece in own)
+
+    @property
     def moving_surface(self) -> np.ndarray:
         """Surface velocity at the world's origin [m/s] and angular velocity [rad/s], (6,)."""
         omega = self.surface_angular_velocity
@@ -251,6 +259,11 @@ class Plane(Element):
     def size_row(self) -> np.ndarray:
         """Zeros (3,): a half-space has no size."""
         return np.zeros(3)
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """The solid as a half-space, world frame."""
+        return (HalfSpace(self.position, self.normal),)
 
 
 @with_named_arguments

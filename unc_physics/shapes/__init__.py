@@ -1,0 +1,19 @@
+"""Exact shapes of bodies: convex pieces, their distances, contacts and mass properties."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .distance import SignedDistance, signed_distance
+
+__all__ = ["SignedDistance", "signed_distance"]
+
+
+def __getattr__(name):
+    """Import a public name on first use, as `unc_physics` does."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from . import distance
+
+    return getattr(distance, name)

@@ -1,8 +1,9 @@
 """Columns of the arrays that hold pieces for kernels.
 
 A body's frame is a row of 12 floats: the position of its centre of mass and its rotation matrix, row by row.
-Pieces are rows of `PIECE` floats; their points and faces are rows of `ROW` floats of a second array. Few arrays
-with named columns are used, because each array argument of a compiled function costs time at every call.
+Pieces are rows of `PIECE` floats; their points and faces are rows of `ROW` floats of a second array. Few
+arrays with named columns are used, because each array argument of a compiled function costs time at every
+call.
 """
 
 #: Kinds of pieces.
@@ -26,7 +27,8 @@ PIECE = 30
 CORNERS_FROM, CORNERS_TO = 3, 4
 ROW = 5
 
-#: Contact of a manifold: point in the middle of the gap, gap [m], normal from a to b, pieces, whose face it is.
+#: Contact of a manifold: point in the middle of the gap, gap [m], normal from a to b, pieces, whose face it
+#: is.
 POINT, GAP, NORMAL, PIECE_A, PIECE_B, FACE_OF = 0, 3, 4, 7, 8, 9
 FARNESS = 10  # scratch of `manifold.reduce`
 CONTACT = 11

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -28,10 +30,11 @@ from .columns import (
     ROUNDING,
 )
 from .nearest import drawn_apart, nearest
-from .pieces import piece_arrays
+from .pieces import joined, piece_arrays
 from .support import gap_along, get, matrix_times
 
-_STARTS = 3  # directions from which depths are looked for, the most promising ones
+#: Directions from which depths are looked for, the most promising ones.
+STARTS = 3
 
 
 class SignedDistance(NamedTuple):
@@ -66,7 +69,7 @@ def _middle(p, base, frames, pieces):
 @inner
 def _least_depth(a, b, gap, n, p, q, directions, tried, base, frames, pieces, rows, work):
     """Return gap, normal and nearest points of overlapping pieces, from the best of many directions."""
-    for k in range(_STARTS):
+    for k in range(STARTS):
         tried[k, 3] = -math.inf
     for k in range(len(directions)):
         _insert(
@@ -78,7 +81,7 @@ def _least_depth(a, b, gap, n, p, q, directions, tried, base, frames, pieces, ro
             for k in range(int(pieces[piece, FIRST_FACE]), int(pieces[piece, LAST_FACE])):
                 normal = times(side, matrix_times(frame, ROTATION, get(rows, k)))
                 _insert(tried, a, b, normal, base, frames, pieces, rows)
-    for k in range(_STARTS):
+    for k in range(STARTS):
         if tried[k, 3] == -math.inf:
             continue
         other, m, s, t = drawn_apart(
@@ -95,38 +98,47 @@ def _insert(tried, a, b, n, base, frames, pieces, rows):
     """Keep a direction if it is among the best ones so far."""
     gap = gap_along(a, b, n, base, frames, pieces, rows)
     worst = 0
-    for k in range(1, _STARTS):
+    for k in range(1, STARTS):
         if tried[k, 3] < tried[worst, 3]:
             worst = k
     if gap > tried[worst, 3]:
         tried[worst, 0], tried[worst, 1], tried[worst, 2], tried[worst, 3] = n[0], n[1], n[2], gap
 
 
+@inner
+def least_gap(a, b, far, directions, tried, base, frames, pieces, rows, work):
+    """Return gap (a lower bound beyond ``far``), normal and nearest points of two pieces.
+
+    Only ``a`` may be a half-space. A depth is the least one, as seen from the faces' normals and
+    ``directions``.
+    """
+    n = (1.0, 0.0, 0.0)
+    if pieces[a, KIND] != HALF_SPACE:
+        away = minus(_middle(b, base, frames, pieces), _middle(a, base, frames, pieces))
+        length = math.sqrt(dot(away, away))
+        if length > 0.0:
+            n = times(1.0 / length, away)
+        if length - pieces[a, RADIUS] - pieces[b, RADIUS] > far:
+            return length - pieces[a, RADIUS] - pieces[b, RADIUS], n, n, n
+    gap, n, p, q = nearest(a, b, n, False, max(far, 0.0), base, frames, pieces, rows, work)
+    if gap < 0.0 and pieces[a, KIND] != HALF_SPACE:
+        return _least_depth(a, b, gap, n, p, q, directions, tried, base, frames, pieces, rows, work)
+    return gap, n, p, q
+
+
 @kernel
 def distance_of_bodies(frames, pieces, rows, first, directions):
-    """Return gap, normal and nearest points (3, 3) of the bodies in the first two frames, relative to the first.
+    """Return gap, normal and nearest points (3, 3) of two bodies, relative to the first one's frame.
 
     Depths are looked for from the most promising of the faces' normals and the unit vectors ``directions``.
     """
     work, out = empty((12, 3)), empty((3, 3))
-    tried = empty((_STARTS, 4))
+    tried = empty((STARTS, 4))
     base, best = triple(frames[0], POSITION), math.inf
     for i in range(first[0], first[1]):
         for j in range(first[1], first[2]):
             a, b, side = (j, i, -1.0) if pieces[j, KIND] == HALF_SPACE else (i, j, 1.0)
-            if pieces[a, KIND] != HALF_SPACE:
-                away = minus(_middle(b, base, frames, pieces), _middle(a, base, frames, pieces))
-                length = math.sqrt(dot(away, away))
-                if length - pieces[a, RADIUS] - pieces[b, RADIUS] > best:
-                    continue
-                n = times(1.0 / length, away) if length > 0.0 else (1.0, 0.0, 0.0)
-            else:
-                n = (1.0, 0.0, 0.0)
-            gap, n, p, q = nearest(a, b, n, False, max(best, 0.0), base, frames, pieces, rows, work)
-            if gap < 0.0 and pieces[a, KIND] != HALF_SPACE:
-                gap, n, p, q = _least_depth(
-                    a, b, gap, n, p, q, directions, tried, base, frames, pieces, rows, work
-                )
+            gap, n, p, q = least_gap(a, b, best, directions, tried, base, frames, pieces, rows, work)
             if gap < best:
                 best = gap
                 if side < 0.0:
@@ -144,7 +156,8 @@ def _even_directions(count):
     return np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
 
 
-_DIRECTIONS = _even_directions(64)
+#: Unit vectors from which depths are looked for.
+DIRECTIONS = _even_directions(64)
 
 
 def identity_frame() -> np.ndarray:
@@ -154,6 +167,8 @@ def identity_frame() -> np.ndarray:
 
 def _frame(pose, field):
     """Return the row of a body's frame from its pose."""
+    if pose is None:
+        return identity_frame()
     try:
         position, orientation = pose
     except (TypeError, ValueError):
@@ -166,10 +181,60 @@ def _frame(pose, field):
     return row
 
 
+@lru_cache(maxsize=64)
+def _arrays(body):
+    """Return the arrays of a body's pieces."""
+    return piece_arrays([body.pieces])
+
+
+def _checked_arrays(body, field):
+    try:
+        return _arrays(body)
+    except (AttributeError, TypeError):
+        raise InvalidRequestError(
+            "must be a model, as load_model and primitive_model return, or an element of the environment",
+            field=field,
+            value=type(body).__name__,
+        ) from None
+
+
+def signed_distance(model_a, pose_a, model_b, pose_b) -> SignedDistance:
+    """Return the signed distance of two bodies, by their pieces.
+
+    Parameters
+    ----------
+    model_a, model_b : SpherePacking or Element
+        Models as `load_model` and `primitive_model` return them, or elements of the environment. A model
+        without pieces has one for each sphere.
+    pose_a, pose_b : (position (3,), quaternion (4,)) or None
+        Position [m] of the centre of mass and orientation (x, y, z, w), world frame. None is the identity: an
+        element of the environment has a pose of its own, and this one moves it on.
+
+    Returns
+    -------
+    SignedDistance
+        Distance [m], below zero the depth of the pieces that overlap most; normal from a to b; point on a;
+        point on b; world frame. Where nearest points are not unique, they are one pair of them.
+
+    Raises
+    ------
+    InvalidRequestError
+        If an argument is no model or pose, or both are half-spaces.
+    """
+    frames = np.array([_frame(pose_a, "pose_a"), _frame(pose_b, "pose_b")])
+    arrays = joined([_checked_arrays(model_a, "model_a"), _checked_arrays(model_b, "model_b")])
+    return _distance(arrays, frames)
+
+
 def distance_of_pieces(pieces_a, frame_a, pieces_b, frame_b) -> SignedDistance:
     """Return the signed distance of two bodies from their pieces and the rows of their frames (12,)."""
-    arrays = piece_arrays([pieces_a, pieces_b])
-    frames = np.array([frame_a, frame_b])
-    gap, found = distance_of_bodies(frames, arrays.pieces, arrays.rows, arrays.first, _DIRECTIONS)
+    return _distance(piece_arrays([pieces_a, pieces_b]), np.array([frame_a, frame_b]))
+
+
+def _distance(arrays, frames):
+    kinds = arrays.pieces[:, KIND]
+    if all(np.any(kinds[i:j] == HALF_SPACE) for i, j in pairwise(arrays.first)):
+        raise InvalidRequestError("are both half-spaces, which have no distance", field="bodies")
+    gap, found = distance_of_bodies(frames, arrays.pieces, arrays.rows, arrays.first, DIRECTIONS)
     origin = frames[0, POSITION : POSITION + 3]
     return SignedDistance(float(gap), found[0], found[1] + origin, found[2] + origin)

@@ -83,7 +83,7 @@ def write_contact(out, k, point, gap, n, a, b, whose):
 
 @inner
 def reduce(out, first, last, most):
-    """Keep the deepest contact of the rows and those that differ most in place or direction; return the end."""
+    """Keep the deepest contact and those that differ most in place or direction; return the end."""
     if last - first <= most:
         return last
     for k in range(first, last):
@@ -236,10 +236,10 @@ def manifold_of_pieces(a, b, n, follow, far, lean, base, frames, pieces, rows, p
 
 @inner
 def contacts_of_pieces(a, b, n, known, far, lean, base, frames, pieces, rows, work, polygons, out, first):
-    """Write the contacts of two pieces; return their number, the gap (a lower bound beyond ``far``), the normal.
+    """Write the contacts of two pieces; return number, gap (a lower bound beyond ``far``), normal.
 
-    ``n`` is a first guess of the normal, or that of a moment ago if ``known``. Nearest points are a contact of
-    their own where no corner or crossing is as near.
+    ``n`` is a first guess of the normal, or that of a moment ago if ``known``. Nearest points are a contact
+    of their own where no corner or crossing is as near.
     """
     if pieces[a, KIND] == HALF_SPACE:
         return manifold_of_pieces(a, b, n, False, far, lean, base, frames, pieces, rows, polygons, out, first)
@@ -291,10 +291,10 @@ def _sort(near, count):
 
 @inner
 def _parting_normal(near, c, count, base, frames, pieces, rows):
-    """Return a nearer pair's normal that also parts the pieces of pair c, or their own; and whether it is their own.
+    """Return a nearer pair's normal that also parts pair c, or its own; and whether it is its own.
 
-    At the seam of two pieces of one surface, a third piece is nearest to an edge that is none of the body. The
-    normal of the surface parts it from both pieces.
+    At the seam of two pieces of one surface, a third piece is nearest to an edge that is none of the body.
+    The normal of the surface parts it from both pieces.
     """
     gap, a, b, n = (
         near[c, _NEAR_GAP],
@@ -313,7 +313,7 @@ def _parting_normal(near, c, count, base, frames, pieces, rows):
 
 @inner
 def contacts_of_bodies(i, j, far, lean, base, frames, pieces, rows, first, near, work, polygons, out):
-    """Write the contacts of bodies i and j with gaps of at most ``far``; return their number and the least gap.
+    """Write the contacts of two bodies with gaps of at most ``far``; return number and least gap.
 
     The number is at most 32. It is -1 where `near` has no room for all pairs of pieces that are near.
     """
@@ -377,7 +377,7 @@ def contacts_of_bodies(i, j, far, lean, base, frames, pieces, rows, first, near,
 
 @kernel
 def manifold_of_bodies(frames, pieces, rows, first, far, lean):
-    """Return the contacts (n, CONTACT) of the bodies in the first two frames, relative to the first, and the gap."""
+    """Return the contacts (n, CONTACT) of two bodies, relative to the first one's frame, and the gap."""
     near, out = empty((_NEAR_PAIRS, NEAR)), empty((_CANDIDATES, CONTACT))
     work, polygons = empty((12, 3)), empty((3, POLYGON, 3))
     base = triple(frames[0], POSITION)

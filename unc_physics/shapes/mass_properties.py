@@ -41,7 +41,8 @@ def mass_properties(pieces: Iterable[Piece]) -> MassProperties:
     Raises
     ------
     InvalidModelError
-        If a piece is a half-space or a sector. A sector belongs to a ring, whose properties come from its profile.
+        If a piece is a half-space or a sector. A sector belongs to a ring, whose properties come from its
+        profile.
     """
     volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for k, piece in enumerate(pieces):
@@ -61,7 +62,8 @@ def mass_properties(pieces: Iterable[Piece]) -> MassProperties:
 def _hull_moments(hull):
     """Return the integrals of 1, x and x x^T over a hull swept by a ball (Steiner's decomposition).
 
-    The parts are the core, a prism on each face, a wedge along each edge and a cone of the ball at each corner.
+    The parts are the core, a prism on each face, a wedge along each edge and a cone of the ball at each
+    corner.
     """
     r, points = hull.rounding, hull.points
     total = [0.0, np.zeros(3), np.zeros((3, 3))]
@@ -115,7 +117,7 @@ def _hull_moments(hull):
 
 
 def _edges(hull):
-    """Yield the ends of each edge, its turn between the faces' normals, and the integrals of m and m m^T over it."""
+    """Yield each edge's ends, the turn of its normals m, and the integrals of m and m m^T over it."""
     points = hull.points
     if len(points) == 2:
         e = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
@@ -201,7 +203,7 @@ def _lathe_moments(lathe):
 
 
 def _outline(lathe):
-    """Yield radii, heights and weighted steps dz (16,) along the edges and arcs of a whole lathe's swept profile."""
+    """Yield radii, heights and weighted steps dz (16,) along a whole lathe's swept profile."""
     profile, rho = lathe.profile, lathe.rounding
     t, w = 0.5 * (1.0 + _NODES), 0.5 * _WEIGHTS
     edges = []
@@ -221,7 +223,7 @@ def _outline(lathe):
 
 
 def _arc(corner, begin, end, rho, t, w):
-    """Yield radii, heights and weighted steps along the arc of a corner, in parts of at most a quarter turn."""
+    """Yield radii, heights and weighted steps along a corner's arc, in parts of a quarter turn."""
     first, last = math.atan2(begin[1], begin[0]), math.atan2(end[1], end[0])
     turn = (last - first) % (2.0 * math.pi)
     if rho == 0.0 or turn < _STRAIGHT or turn > 2.0 * math.pi - _STRAIGHT:

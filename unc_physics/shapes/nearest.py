@@ -1,9 +1,9 @@
 """Kernels: gap, normal and nearest points of two pieces.
 
-GJK (Gilbert, Johnson, Keerthi 1988) finds nearest points of two convex cores that are apart. Cores that touch or
-overlap are first drawn apart along a direction; the direction from one to the other then replaces it until both
-agree. Along the result the pieces overlap least, as seen from the direction of the start. The gap along the
-direction never decreases on the way, so no second method for depths is needed.
+GJK (Gilbert, Johnson, Keerthi 1988) finds nearest points of two convex cores that are apart. Cores that touch
+or overlap are first drawn apart along a direction; the direction from one to the other then replaces it until
+both agree. Along the result the pieces overlap least, as seen from the direction of the start. The gap along
+the direction never decreases on the way, so no second method for depths is needed.
 
 ``work`` (12, 3) is scratch: three times four points.
 """
@@ -28,9 +28,10 @@ from .columns import (
 )
 from .support import gap_along, get, matrix_times, meridian, put, support, transposed_times, unit
 
-#: Distance to which overlapping cores are drawn apart [m]: far enough for the direction between them to be exact to
-#: 1e-11, near enough to leave the nearest features as they are.
+#: Distance to which overlapping cores are drawn apart [m]: far enough for the direction between them to be
+#: exact to 1e-11, near enough to leave the nearest features as they are.
 DRAWN_APART = 1e-4
+_FARTHEST_APART = 1e-2  # where this is not enough [m]
 _OVERLAPPING = 1e-7  # distance of cores below which the direction between them is uncertain [m]
 _ACCURACY = 1e-12  # relative, of squared distances; a direction is then certain to 1e-6 rad
 _ROUND_OFF = 1e-17  # of distances [m]
@@ -43,7 +44,7 @@ _GAINED = 1e-12  # a round that increases the gap by less is the last [m]
 
 @inner
 def _triangle_weights(work, i, j, k):
-    """Return the barycentric weights of the point of a triangle that is nearest to the origin (Ericson 2005)."""
+    """Return the weights of a triangle's point that is nearest to the origin (Ericson 2005)."""
     a, b, c = get(work, i), get(work, j), get(work, k)
     ab, ac = minus(b, a), minus(c, a)
     d1, d2 = -dot(ab, a), -dot(ac, a)
@@ -73,7 +74,7 @@ def _triangle_weights(work, i, j, k):
 
 @inner
 def _simplex_weights(work, count):
-    """Return the weights of the nearest point of a simplex to the origin, and whether the origin is inside."""
+    """Return the weights of a simplex's point nearest to the origin, and whether that is inside."""
     if count == 1:
         return (1.0, 0.0, 0.0, 0.0), False
     if count == 2:
@@ -111,8 +112,8 @@ def _simplex_weights(work, count):
 def core_distance(a, b, start, shift, far, base, frames, pieces, rows, work):
     """Return the distance of two cores, the direction from a to b, and the nearest points; b is shifted.
 
-    ``start`` is a first guess of the direction. A distance of more than ``far`` is a lower bound. It is -1 where
-    the cores overlap or touch.
+    ``start`` is a first guess of the direction. A distance of more than ``far`` is a lower bound. It is -1
+    where the cores overlap or touch.
     """
     v, p, q = start, start, start
     count, last, apart = 0, math.inf, False
@@ -121,7 +122,7 @@ def core_distance(a, b, start, shift, far, base, frames, pieces, rows, work):
         t = plus(support(b, times(-1.0, v), base, frames, pieces, rows), shift)
         w = minus(t, s)
         vv, vw = dot(v, v), dot(v, w)
-        apart = apart or vw > 0.0
+        apart = apart or (vw > 0.0 and vw * vw > _OVERLAPPING * _OVERLAPPING * vv)
         if count > 0:
             if vw > 0.0 and vw * vw > far * far * vv:
                 return vw / math.sqrt(vv), unit(v), s, t
@@ -189,11 +190,11 @@ def drawn_apart(a, b, n, far, base, frames, pieces, rows, work):
     """
     swept = pieces[a, ROUNDING] + pieces[b, ROUNDING]
     gap = gap_along(a, b, n, base, frames, pieces, rows)
-    p, q = n, n
+    p, q, apart = n, n, DRAWN_APART
     for _ in range(_ROUNDS):
         if gap > far:
             break
-        shift = times(max(DRAWN_APART - gap - swept, 0.0), n)
+        shift = times(max(apart - gap - swept, 0.0), n)
         d, m, p, q = core_distance(a, b, n, shift, math.inf, base, frames, pieces, rows, work)
         if d < 0.0:
             break
@@ -202,7 +203,10 @@ def drawn_apart(a, b, n, far, base, frames, pieces, rows, work):
         same = dot(m, n) > 1.0 - _SAME
         n = m
         if same or gap - before < _GAINED:
-            break
+            # round-off stopped some thin simplices early; the direction is more certain farther apart
+            if apart >= _FARTHEST_APART or gap - gap_along(a, b, n, base, frames, pieces, rows) < _UNPROVEN:
+                break
+            apart *= 10.0
     return gap, n, p, q
 
 

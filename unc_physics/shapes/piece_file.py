@@ -19,9 +19,18 @@ KEYS = {
     "piece_origin": ("n", 3),
     "piece_axes": ("n", 3, 3),
     "piece_sector": ("n", 2),
+    "piece_face_counts": ("n",),
+    "piece_face_sizes": ("f",),
+    "piece_face_corners": ("c",),
 }
-#: Most pieces of a file, and most points of all.
+_COUNTS = "piece_sizes", "piece_face_counts", "piece_face_sizes", "piece_face_corners"
+#: Most pieces of a file, and most points and corners of faces of all.
 PIECES_LIMIT, POINTS_LIMIT = 10_000, 1_000_000
+#: Most numbers of each key.
+NUMBERS_LIMIT = {
+    key: (PIECES_LIMIT if shape[0] == "n" else 3 * POINTS_LIMIT) * int(np.prod(shape[1:]))
+    for key, shape in KEYS.items()
+}
 
 
 def piece_entries(pieces: Sequence[Piece]) -> dict[str, np.ndarray]:
@@ -32,19 +41,20 @@ def piece_entries(pieces: Sequence[Piece]) -> dict[str, np.ndarray]:
     InvalidModelError
         If one is a half-space, which is for fixed surroundings only.
     """
-    kinds, points, lathes = [], [], []
+    kinds, points, lathes, faces = [], [], [], []
     for k, piece in enumerate(pieces):
         if isinstance(piece, HalfSpace):
             raise InvalidModelError("must not be a half-space, which has no end", field=f"pieces[{k}]")
         kinds.append(HULL if isinstance(piece, Hull) else LATHE)
+        faces.append(piece.faces if isinstance(piece, Hull) else ())
         if isinstance(piece, Hull):
             points.append(piece.points)
             lathes.append((np.zeros(3), np.eye(3), (0.0, 0.0)))
         else:
-            points.append(
-                np.column_stack([piece.profile[:, 0], 0.0 * piece.profile[:, 0], piece.profile[:, 1]])
-            )
+            radius, height = piece.profile.T
+            points.append(np.column_stack([radius, np.zeros(len(radius)), height]))
             lathes.append((piece.origin, piece.axes, (piece.azimuth, piece.half_angle)))
+    corners = [face for some in faces for face in some]
     return {
         "piece_kind": np.array(kinds, np.int64),
         "piece_rounding": np.array([piece.rounding for piece in pieces if not isinstance(piece, HalfSpace)]),
@@ -53,6 +63,9 @@ def piece_entries(pieces: Sequence[Piece]) -> dict[str, np.ndarray]:
         "piece_origin": np.array([origin for origin, _, _ in lathes]),
         "piece_axes": np.array([axes for _, axes, _ in lathes]),
         "piece_sector": np.array([sector for _, _, sector in lathes]),
+        "piece_face_counts": np.array([len(some) for some in faces], np.int64),
+        "piece_face_sizes": np.array([len(face) for face in corners], np.int64),
+        "piece_face_corners": np.concatenate([np.zeros(0, np.int64), *corners]),
     }
 
 
@@ -79,31 +92,39 @@ def pieces_of_entries(entries: Mapping[str, np.ndarray]) -> tuple[Piece, ...]:
         if value.shape != wanted:
             raise InvalidModelError(f"must have shape {wanted}", field=key, value=value.shape)
         values[key] = value
-    counts = values["piece_sizes"]
-    if np.any(counts != np.rint(counts)) or np.any(counts < 1) or counts.sum() != len(values["piece_points"]):
-        raise InvalidModelError(
-            f"must be positive integers with the sum {len(values['piece_points'])}, the rows of piece_points",
-            field="piece_sizes",
-            value=counts.tolist(),
-        )
+    for key in _COUNTS:
+        if np.any(values[key] != np.rint(values[key])) or np.any(values[key] < 0):
+            raise InvalidModelError("must hold integers of at least 0", field=key)
+        values[key] = values[key].astype(np.int64)
+    points = _split(values, "piece_points", "piece_sizes")
+    faces = _split(
+        {**values, "faces": _split(values, "piece_face_corners", "piece_face_sizes")},
+        "faces",
+        "piece_face_counts",
+    )
     pieces: list[Piece] = []
-    ends = np.cumsum(counts.astype(np.int64))
-    for k, end in enumerate(ends.tolist()):
-        points = values["piece_points"][end - int(counts[k]) : end]
-        kind, rounding = values["piece_kind"][k], values["piece_rounding"][k]
+    for k, kind in enumerate(values["piece_kind"].tolist()):
+        rounding = values["piece_rounding"][k]
         try:
             if kind == HULL:
-                pieces.append(Hull(points, rounding))
+                pieces.append(Hull(points[k], rounding, tuple(faces[k])))
             elif kind == LATHE:
                 azimuth, half = values["piece_sector"][k]
                 origin, axes = values["piece_origin"][k], values["piece_axes"][k]
-                pieces.append(Lathe(points[:, [0, 2]], rounding, origin, axes, azimuth, half))
+                pieces.append(Lathe(points[k][:, [0, 2]], rounding, origin, axes, azimuth, half))
             else:
                 raise InvalidModelError(
                     f"must be {HULL} (hull) or {LATHE} (lathe)", field="piece_kind", value=kind
                 )
         except InvalidModelError as error:
-            raise InvalidModelError(
-                error.problem, field=f"piece {k}: {error.field}", value=error.value
-            ) from error
+            raise error.at(f"piece {k}: {error.field}") from error
     return tuple(pieces)
+
+
+def _split(values, key, sizes):
+    """Return the rows of a key in parts of given sizes."""
+    rows, counts = values[key], values[sizes]
+    if counts.sum() != len(rows):
+        raise InvalidModelError(f"must have the sum {len(rows)}", field=sizes, value=int(counts.sum()))
+    ends = np.cumsum(counts)
+    return [rows[end - count : end] for end, count in zip(ends.tolist(), counts.tolist(), strict=True)]

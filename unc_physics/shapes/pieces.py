@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,8 @@ from .columns import (
     AXES,
     AZIMUTH,
     CENTER,
+    CORNERS_FROM,
+    CORNERS_TO,
     COS_HALF,
     FIRST_FACE,
     FIRST_POINT,
@@ -41,9 +43,11 @@ from .columns import (
     SIN_HALF,
 )
 
-#: Normals of triangles that differ less (1 - cosine), and distances from the plane that differ less (share of the
-#: size), belong to one face: round-off of points given in single precision.
+#: Normals of triangles that differ less (1 - cosine), and distances from the plane that differ less (share of
+#: the size), belong to one face: round-off of points given in single precision.
 _COPLANAR = 1e-10, 1e-7
+#: Share of the size by which points may be above a face: what `_COPLANAR` lets through over a wide face.
+_FLAT = 1e-5
 #: Share of the size by which a profile may be concave: round-off of points given in single precision.
 _CONVEX = 1e-7
 _WHOLE = math.pi * (1.0 - 1e-12)
@@ -61,21 +65,23 @@ class Hull:
         Body axes [m]. Points inside the hull are dropped.
     rounding : float
         Radius of the ball that sweeps the hull [m].
-    faces : tuple of (k,) int64 arrays
-        Corners of each flat face as indices of ``points``, counter-clockwise from outside. None for fewer than
-        four points.
+    faces : tuple of (k,) int64 arrays, optional
+        Corners of each flat face as indices of ``points``, counter-clockwise from outside. None for fewer
+        than four points. By default they are computed, which needs SciPy.
     normals : (f, 3) array
         Outward normals of the faces.
 
     Raises
     ------
     InvalidModelError
-        If points are not finite or lie in a plane, there are none, or rounding is negative or missing where
-        one or two points need it.
+        If points are not finite or lie in a plane, there are none, rounding is negative or missing where one
+        or two points need it, or the faces are not those of the convex hull.
     """
 
     points: Array = array_field()
     rounding: float = 0.0
+    faces: tuple[np.ndarray, ...] = ()
+    normals: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self):
         points = numbers(self.points, "points", InvalidModelError)
@@ -83,32 +89,31 @@ class Hull:
         rounding = non_negative(self.rounding, "rounding", InvalidModelError)
         if not len(points):
             raise InvalidModelError("must have at least one point", field="points")
-        if np.abs(points).max() > FARTHEST:
+        if max(np.abs(points).max(), rounding) > FARTHEST:
             raise InvalidModelError(f"must be within {FARTHEST:g} m of the origin", field="points")
         if len(points) < 3 and rounding == 0.0:
             raise InvalidModelError(
                 "must be positive for one or two points", field="rounding", value=rounding
             )
-        faces, normals = (), np.zeros((0, 3))
-        if len(points) > 2:
-            points, faces, normals = _hull(points)
-        for field, value in (("points", points), ("rounding", rounding)):
-            object.__setattr__(self, field, value)
-        object.__setattr__(self, "faces", faces)
-        object.__setattr__(self, "normals", normals)
-        for value in (points, normals):
+        faces = self.faces
+        if len(points) > 2 and not len(faces):
+            points, faces = _hull(points)
+        faces = tuple(np.array(face, np.int64) for face in faces)
+        normals = _checked_normals(points, faces) if faces else np.zeros((0, 3))
+        stored = {"points": points, "rounding": rounding, "faces": faces, "normals": normals}
+        for name, value in stored.items():
+            object.__setattr__(self, name, value)
+        for value in (points, normals, *faces):
             value.flags.writeable = False
-
-    faces = ()
-    normals = np.zeros((0, 3))
 
     def moved(self, position: ArrayLike, rotation: ArrayLike) -> Hull:
         """Return the piece rotated by a matrix (3, 3) and then shifted [m]."""
-        return Hull(self.points @ np.asarray(rotation, float).T + np.asarray(position, float), self.rounding)
+        points = self.points @ np.asarray(rotation, float).T + np.asarray(position, float)
+        return Hull(points, self.rounding, self.faces)
 
     def scaled(self, s: float) -> Hull:
         """Return the piece with all lengths multiplied by ``s``."""
-        return Hull(self.points * s, self.rounding * s)
+        return Hull(self.points * s, self.rounding * s, self.faces)
 
     def outline(self) -> np.ndarray:
         """Return points (n, 3) whose hull, swept by the ball, is the piece or contains it."""
@@ -174,8 +179,8 @@ class Lathe:
         profile = _convex_profile(profile, "profile")
         stored = {"profile": profile, "rounding": rounding, "origin": origin, "axes": axes}
         stored |= {"azimuth": azimuth, "half_angle": min(half, math.pi)}
-        for field, value in stored.items():
-            object.__setattr__(self, field, value)
+        for name, value in stored.items():
+            object.__setattr__(self, name, value)
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
 
@@ -236,9 +241,9 @@ class HalfSpace:
         length = float(np.linalg.norm(normal))
         if not length > 0.0:
             raise InvalidModelError("must not be zero", field="normal", value=normal.tolist())
-        for field, value in (("point", point), ("normal", normal / length)):
+        for name, value in (("point", point), ("normal", normal / length)):
             value.flags.writeable = False
-            object.__setattr__(self, field, value)
+            object.__setattr__(self, name, value)
 
     def moved(self, position: ArrayLike, rotation: ArrayLike) -> HalfSpace:
         """Return the piece rotated by a matrix (3, 3) and then shifted [m]."""
@@ -251,6 +256,13 @@ class HalfSpace:
 
 
 Piece = Hull | Lathe | HalfSpace
+
+
+#: Faces of a box whose corners are numbered by the bits x, y, z.
+_BOX_FACES = tuple(
+    np.array(face)
+    for face in ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+)
 
 
 def ball(radius: float, position: ArrayLike = (0.0, 0.0, 0.0)) -> Hull:
@@ -266,7 +278,7 @@ def capsule(radius: float, length: float) -> Hull:
 def box(size: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0), rounding: float = 0.0) -> Hull:
     """Return a box with edges ``size`` (3,) along the axes, swept by a ball of radius ``rounding`` [m]."""
     signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    return Hull(signs * np.asarray(size, float) + np.asarray(position, float), rounding)
+    return Hull(signs * np.asarray(size, float) + np.asarray(position, float), rounding, _BOX_FACES)
 
 
 def cylinder(radius: float, length: float) -> Lathe:
@@ -309,7 +321,7 @@ def ring(profile: ArrayLike, tolerance: float, rounding: float = 0.0) -> list[La
 
 
 def _hull(points):
-    """Return the corners of a convex hull, its faces as loops of corners, and their normals."""
+    """Return the corners of a convex hull, and its faces as loops of corners."""
     from scipy.spatial import ConvexHull, QhullError
 
     size = float(np.ptp(points, axis=0).max())
@@ -331,36 +343,81 @@ def _hull(points):
             groups.append((plane, set(corners)))
     used = np.sort(triangles.vertices)
     place = {int(v): k for k, v in enumerate(used)}
-    faces, normals = [], []
+    faces = []
     for plane, members in groups:
-        corners = points[sorted(members)]
-        normal = plane[:3] / np.linalg.norm(plane[:3])
-        middle = corners.mean(axis=0)
-        u = corners[0] - middle
-        u /= np.linalg.norm(u)
-        w = np.cross(normal, u)
-        order = np.argsort(np.arctan2((corners - middle) @ w, (corners - middle) @ u))
-        faces.append(
-            np.array([place[v] for v in np.array(sorted(members))[order] if int(v) in place], np.int64)
+        numbers = np.array(sorted(members))
+        arm = points[numbers] - points[numbers].mean(axis=0)
+        u = arm[0] / np.linalg.norm(arm[0])
+        order = np.argsort(np.arctan2(arm @ np.cross(plane[:3], u), arm @ u))
+        faces.append([place[int(v)] for v in numbers[order]])
+    return np.ascontiguousarray(points[used]), faces
+
+
+def _checked_normals(points, faces):
+    """Return the normals (f, 3) of a hull's faces; raise unless they bound the convex hull of the points."""
+    for k, face in enumerate(faces):
+        if face.ndim != 1 or len(face) < 3 or face.min() < 0 or face.max() >= len(points):
+            raise InvalidModelError(
+                f"must be at least three indices of the {len(points)} points",
+                field=f"faces[{k}]",
+                value=face.tolist(),
+            )
+    starts = np.concatenate(faces)
+    ends = np.concatenate([np.roll(face, -1) for face in faces])
+    count = len(points)
+    edges, back = starts * count + ends, ends * count + starts
+    if len(np.unique(edges)) < len(edges) or not np.array_equal(np.sort(edges), np.sort(back)):
+        raise InvalidModelError(
+            "must meet in pairs at each edge, counter-clockwise from outside", field="faces"
         )
-        normals.append(normal)
-    return np.ascontiguousarray(points[used]), tuple(faces), np.array(normals)
+    if len(np.unique(starts)) < count or count - len(edges) // 2 + len(faces) != 2:
+        raise InvalidModelError("must have each point as a corner, in one closed surface", field="faces")
+    middle = points.mean(axis=0)
+    arms = points[starts] - middle
+    of_face = np.repeat(np.arange(len(faces)), [len(face) for face in faces])
+    areas = np.zeros((len(faces), 3))  # twice, by Newell's formula
+    np.add.at(areas, of_face, np.cross(arms, points[ends] - middle))
+    lengths = np.linalg.norm(areas, axis=1)
+    if not lengths.min() > 0.0:
+        raise InvalidModelError("must have an area", field=f"faces[{int(lengths.argmin())}]")
+    normals = areas / lengths[:, None]
+    heights = (points - middle) @ normals.T
+    planes = np.array([heights[face, k].mean() for k, face in enumerate(faces)])
+    above = (heights - planes).max()
+    if above > _FLAT * float(np.ptp(points, axis=0).max()):
+        raise InvalidModelError(
+            f"must bound the convex hull of the points; one is {above:.3g} m outside", field="faces"
+        )
+    return normals
+
+
+def convex_outline(points: np.ndarray) -> np.ndarray:
+    """Return the corners of the convex hull of points (n, 2), counter-clockwise (Andrew's monotone chain)."""
+    ordered = [(float(x), float(y)) for x, y in points[np.lexsort(points.T[::-1])]]
+    chains = []
+    for direction in (ordered, ordered[::-1]):
+        chain: list[tuple[float, float]] = []
+        for x, y in direction:
+            while len(chain) > 1:
+                (a, b), (c, d) = chain[-2:]
+                if (c - a) * (y - b) - (d - b) * (x - a) > 0.0:
+                    break
+                chain.pop()
+            chain.append((x, y))
+        chains += chain[:-1]
+    return np.array(chains)
 
 
 def _closed(profile):
     """Return a profile of a whole turn with the ends of its axis, without corners that face the axis."""
-    from scipy.spatial import ConvexHull
-
     low, high = profile[:, 1].min(), profile[:, 1].max()
-    ends = np.array([[0.0, low], [0.0, high]])
     if low == high:
         return np.array([[0.0, low], [profile[:, 0].max(), low]])
-    corners = np.concatenate([ends, profile])
-    return corners[ConvexHull(corners).vertices]
+    return convex_outline(np.concatenate([[[0.0, low], [0.0, high]], profile]))
 
 
 def _convex_profile(profile, field):
-    """Return a convex profile counter-clockwise, without corners between others; raise if it is not convex."""
+    """Return a convex profile counter-clockwise, without corners on edges; raise if not convex."""
     size = float(np.ptp(profile, axis=0).max())
     apart = np.hypot(*(profile - np.roll(profile, 1, axis=0)).T) > _CONVEX * size
     profile = profile[apart]  # without corners given twice
@@ -380,6 +437,21 @@ def _convex_profile(profile, field):
     return np.ascontiguousarray(
         kept if len(kept) > 2 else profile[[profile[:, 0].argmin(), profile[:, 0].argmax()]]
     )
+
+
+class Balls(Sequence[Piece]):
+    """Balls as pieces, each made when it is asked for: the shape of a model that has only spheres."""
+
+    def __init__(self, centers: np.ndarray, radii: np.ndarray):
+        self._centers, self._radii = centers, radii
+
+    def __len__(self):
+        return len(self._radii)
+
+    def __getitem__(self, k):
+        if isinstance(k, slice):
+            return Balls(self._centers[k], self._radii[k])
+        return ball(float(self._radii[k]), self._centers[k])
 
 
 class PieceArrays(NamedTuple):
@@ -424,6 +496,24 @@ def piece_arrays(bodies: Sequence[Sequence[Piece]]) -> PieceArrays:
     return PieceArrays(
         np.array(pieces).reshape(-1, PIECE), np.array(rows).reshape(-1, ROW), np.array(first, np.int64)
     )
+
+
+def joined(bodies: Sequence[PieceArrays]) -> PieceArrays:
+    """Return the arrays of several sets of bodies as one."""
+    pieces, rows, first = [], [], [0]
+    points = owners = 0
+    for body in bodies:
+        pieces.append(body.pieces.copy())
+        rows.append(body.rows.copy())
+        pieces[-1][:, OWNER] += owners
+        pieces[-1][:, FIRST_POINT : LAST_FACE + 1] += points
+        is_face = rows[-1][:, CORNERS_TO] > 0.0
+        rows[-1][is_face, CORNERS_FROM : CORNERS_TO + 1] += points
+        points += len(body.rows)
+        owners += len(body.first) - 1
+        start = first[-1]
+        first += [int(k) + start for k in body.first[1:]]
+    return PieceArrays(np.concatenate(pieces), np.concatenate(rows), np.array(first, np.int64))
 
 
 def _bound(row, points, rounding):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .pieces import Lathe, ring
+from .pieces import Lathe, convex_outline, ring
 
+#: Shares of the tolerance for the profile that are tried; the rest is for the chords of a ring's sectors.
+_SHARES = 0.2, 0.35, 0.5, 0.65, 0.8
 _SAMPLES = 24  # points of each edge at which it is checked whether a hull sticks out
 _LEVEL = 1e-12  # share of the squared size: smaller areas count as zero
 
@@ -26,15 +28,19 @@ def lathe_pieces(profile: np.ndarray, tolerance: float) -> list[Lathe]:
         Whole ones where the solid reaches the axis, otherwise rings of sectors.
     """
     profile = _counter_clockwise(np.asarray(profile, float))
+    return min((_pieces(profile, share * tolerance, (1.0 - share) * tolerance) for share in _SHARES), key=len)
+
+
+def _pieces(profile, tolerance, chord):
+    """Return pieces that stick out of a profile by a tolerance, and of its turns by chords [m]."""
     pieces: list[Lathe] = []
-    # a ring's sectors stick out by their chords, too, so that either gets half
-    for part in convex_parts(profile, 0.5 * tolerance):
+    for part in convex_parts(profile, tolerance):
         low, high = part[:, 1].min(), part[:, 1].max()
-        filled = _hull(np.concatenate([part, [[0.0, low], [0.0, high]]]))
-        if _sticks_out(filled, profile) <= 0.5 * tolerance:
+        filled = convex_outline(np.concatenate([part, [[0.0, low], [0.0, high]]]))
+        if _sticks_out(filled, profile) <= tolerance:
             pieces.append(Lathe(filled))
         else:
-            pieces += ring(part, 0.5 * tolerance)
+            pieces += ring(part, chord)
     return pieces
 
 
@@ -49,9 +55,9 @@ def convex_parts(polygon: np.ndarray, tolerance: float) -> list[np.ndarray]:
     costs: dict[tuple[int, int], float] = {}
 
     def add_costs(new):
-        for old in parts:
-            if old != new and len(parts[old] & parts[new]) >= 2:
-                hull = _hull(polygon[sorted(parts[old] | parts[new])])
+        for old, corners in parts.items():
+            if old != new and len(corners & parts[new]) >= 2:
+                hull = convex_outline(polygon[sorted(corners | parts[new])])
                 costs[min(old, new), max(old, new)] = _sticks_out(hull, polygon)
 
     for k in list(parts):
@@ -64,19 +70,12 @@ def convex_parts(polygon: np.ndarray, tolerance: float) -> list[np.ndarray]:
         costs = {pair: value for pair, value in costs.items() if not {a, b} & set(pair)}
         add_costs(following)
         following += 1
-    return [_hull(polygon[sorted(part)]) for part in parts.values()]
+    return [convex_outline(polygon[sorted(part)]) for part in parts.values()]
 
 
 def _counter_clockwise(polygon):
     x, y = polygon.T
     return polygon if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0.0 else polygon[::-1]
-
-
-def _hull(points):
-    """Return the corners of the convex hull of points (n, 2), counter-clockwise."""
-    from scipy.spatial import ConvexHull
-
-    return points[ConvexHull(points).vertices]
 
 
 def _area(a, b, c):
@@ -87,7 +86,7 @@ def _area(a, b, c):
 
 
 def _triangles(polygon):
-    """Return triangles (indices) of a simple polygon by clipping the ear with the largest smallest angle first."""
+    """Return triangles (indices) of a simple polygon by clipping the roundest ear first."""
     left = list(range(len(polygon)))
     least = _LEVEL * float(np.ptp(polygon, axis=0).max()) ** 2
     found = []
@@ -115,7 +114,7 @@ def _triangles(polygon):
 
 
 def _sticks_out(hull, polygon):
-    """Return the largest distance of a point of the hull's boundary from a polygon that does not contain it."""
+    """Return the largest distance by which the boundary of a hull is outside a polygon."""
     share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     points = (hull[:, None] + share[:, None] * (np.roll(hull, -1, axis=0) - hull)[:, None]).reshape(-1, 2)
     a, b = polygon, np.roll(polygon, -1, axis=0)

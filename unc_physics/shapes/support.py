@@ -115,7 +115,7 @@ def support(p, d, base, frames, pieces, rows):
 
 @inner
 def gap_along(a, b, n, base, frames, pieces, rows):
-    """Return the gap of two pieces along a unit vector ``n`` from a to b; below zero where they overlap [m]."""
+    """Return the gap of two pieces along a unit vector ``n`` from a to b; below zero: overlap [m]."""
     q = support(b, times(-1.0, n), base, frames, pieces, rows)
     p = support(a, n, base, frames, pieces, rows)
     return dot(n, minus(q, p)) - pieces[a, ROUNDING] - pieces[b, ROUNDING]
@@ -129,7 +129,8 @@ def face(p, n, lean, base, frames, pieces, rows, out):
     corner lies along ``n``, or, where the disc faces along ``n``, along the world vector ``lean``: where the
     disc's partner is loaded or slides to, so that the octagon supports it there as the circle does.
 
-    Returns the number of corners and the surface's normal (``n`` itself for segments of a capsule and points).
+    Returns the number of corners and the surface's normal (``n`` itself for segments of a capsule and
+    points).
     """
     piece = pieces[p]
     frame = frames[int(piece[OWNER])]

@@ -10,10 +10,7 @@ import numpy as np
 
 from ..compiler import kernel
 from ..compiler.arrays import empty
-from ..spatial.vectors import dot, minus, times, triple
-from .columns import CENTER, RADIUS
-from .distance import identity_frame
-from .nearest import nearest
+from .distance import DIRECTIONS, STARTS, identity_frame, least_gap
 from .pieces import Hull, Piece, piece_arrays
 
 _POINT = 1e-12  # radius of a ball that stands for a point [m]
@@ -69,28 +66,22 @@ def surface_points(corners: np.ndarray, count: int) -> np.ndarray:
 
 
 def distances_of_points(pieces: Sequence[Piece], points: np.ndarray) -> np.ndarray:
-    """Return the signed distances (n,) of points (n, 3) from pieces; below zero inside the deepest one [m]."""
+    """Return signed distances (n,) of points (n, 3) from pieces; below zero inside the deepest [m]."""
     arrays = piece_arrays([pieces, [Hull([[0.0, 0.0, 0.0]], _POINT)]])
     frames = np.stack([identity_frame(), identity_frame()])
-    return _distances(np.ascontiguousarray(points), frames, arrays.pieces, arrays.rows) + _POINT
+    return _distances(np.ascontiguousarray(points), frames, arrays.pieces, arrays.rows, DIRECTIONS) + _POINT
 
 
 @kernel
-def _distances(points, frames, pieces, rows):
+def _distances(points, frames, pieces, rows, directions):
     """Return the distances of points from all pieces but the last one, which stands for the point."""
-    work, found = empty((12, 3)), empty((len(points),))
+    work, tried, found = empty((12, 3)), empty((STARTS, 4)), empty((len(points),))
     last = len(pieces) - 1
     base = (0.0, 0.0, 0.0)
     for k in range(len(points)):
-        best = math.inf
         frames[1, 0], frames[1, 1], frames[1, 2] = points[k, 0], points[k, 1], points[k, 2]
+        best = math.inf
         for p in range(last):
-            away = minus((points[k, 0], points[k, 1], points[k, 2]), triple(pieces[p], CENTER))
-            length = math.sqrt(dot(away, away))
-            if length - pieces[p, RADIUS] >= best:
-                continue
-            n = times(1.0 / length, away) if length > 0.0 else (0.0, 0.0, 1.0)
-            gap = nearest(p, last, n, False, math.inf, base, frames, pieces, rows, work)[0]
-            best = min(best, gap)
+            best = min(best, least_gap(p, last, best, directions, tried, base, frames, pieces, rows, work)[0])
         found[k] = best
     return found

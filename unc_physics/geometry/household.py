@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..geometry import shapes as meshes
-from .pieces import Hull, Lathe, Piece, box
-from .revolution import lathe_pieces
+from ..shapes.pieces import Hull, Piece, box
+from ..shapes.revolution import lathe_pieces
+from . import shapes as meshes
 
-#: Largest distance by which pieces stick out into what is hollow [m]. A tenth of it takes ten times as many pieces.
+#: Largest distance by which pieces stick out into what is hollow [m]; a tenth takes ten times the pieces.
 HOLLOW = 6.5e-4
-_HANDLE_PARTS = 12  # hulls along a mug's handle; the loop's bends are lost by a quarter of a millimetre
+_HANDLE_PARTS = 9  # hulls along a mug's handle; they stick out by half a millimetre at its bends
 _SECTION = 8  # points of a half section of the handle
 
 
@@ -35,11 +36,18 @@ def mug_pieces() -> list[Piece]:
     middle, out = meshes.handle_loop(_HANDLE_PARTS + 1)
     thin, wide = meshes.HANDLE
     rounding = thin**2 / wide  # least radius of curvature of the elliptic section
+    radius, _, wall, _ = meshes.MUG
+    middle[:, 0] = np.maximum(
+        middle[:, 0], radius - wall + rounding
+    )  # the ends are round, and within the wall
     turn = 2.0 * np.pi * (np.arange(2 * _SECTION) + 0.5) / (2 * _SECTION)
     point = np.column_stack([thin * np.cos(turn), wide * np.sin(turn)])
     normal = np.column_stack([np.cos(turn) / thin, np.sin(turn) / wide])
     point -= rounding * normal / np.linalg.norm(normal, axis=1, keepdims=True)
     sections = middle[:, None] + point[:, :1] * out[:, None] + point[:, 1:] * np.array([0.0, 1.0, 0.0])
+    # tangents on the loop's outside and chords on its inside enclose the bend
+    bend = (1.0 / np.cos(0.5 * np.pi / _HANDLE_PARTS) - 1.0) * (meshes.HANDLE_LOOP + thin)
+    sections = np.concatenate([sections, sections + bend * out[:, None]], axis=1)
     handle = [Hull(np.concatenate(sections[k : k + 2]), rounding) for k in range(_HANDLE_PARTS)]
     return [*lathe_pieces(meshes.mug_profile(), HOLLOW), *handle]
 
@@ -70,3 +78,8 @@ HOUSEHOLD: dict[str, Callable[[], list[Piece]]] = {
     "rounded_box": rounded_box_pieces,
     "salt_box": lambda: [box((0.078, 0.046, 0.122), (0.0, 0.0, 0.061))],
 }
+
+
+def household_pieces(name: str, origin: ArrayLike) -> tuple[Piece, ...]:
+    """Return the pieces of a household model; ``origin`` (3,) is its mesh's origin, body axes [m]."""
+    return tuple(piece.moved(origin, np.eye(3)) for piece in HOUSEHOLD[name]())
