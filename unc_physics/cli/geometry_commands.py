@@ -224,8 +224,8 @@ def run_models(arguments: argparse.Namespace) -> int:
 
 
 def table(packings, names) -> str:
-    """Return a table of size, mass, spheres, spheres of `auto`, fill and surface gap of models."""
-    rows = [("model", "size [mm]", "mass [kg]", "spheres", "auto", "fill [%]", "gap [mm]")]
+    """Return a table of size, mass, pieces, spheres, spheres of `auto`, fill and surface gap of models."""
+    rows = [("model", "size [mm]", "mass [kg]", "pieces", "spheres", "auto", "fill [%]", "gap [mm]")]
     for packing, name in zip(packings, names, strict=True):
         size = gap = mass = "-"
         if packing.bounds is not None:
@@ -234,8 +234,9 @@ def table(packings, names) -> str:
             gap = f"{1e3 * packing.surface_gap:.2f}"
         if packing.mass is not None:
             mass = plain_digits(packing.mass, 3)
+        pieces = "-" if packing.has_only_spheres else str(len(packing.pieces))
         count, auto = str(len(packing)), str(packing.sufficient_count())
-        rows.append((printable(name), size, mass, count, auto, f"{100.0 * packing.fill:.1f}", gap))
+        rows.append((printable(name), size, mass, pieces, count, auto, f"{100.0 * packing.fill:.1f}", gap))
     return _aligned(rows)
 
 
@@ -272,6 +273,8 @@ def run_show(arguments: argparse.Namespace) -> int:
     with writing(output, "--output"):
         draw_levels(output, parts, up=arguments.up)
     print(quality_table(parts))
+    if packing.has_only_spheres:
+        note("the model has no pieces, only spheres: a small body can pass between them")
     print(f"wrote {printable(str(output))}")
     return 0
 

@@ -357,7 +357,7 @@ def _check_version(version):
         )
 
 
-def _with_pieces(values):
+def _with_pieces(values) -> dict[str, Any]:
     """Return the fields of a file with pieces in place of their keys, if there are any."""
     entries = {key: values[key] for key in KEYS if key in values}
     others = {key: value for key, value in values.items() if key not in KEYS}
