@@ -57,7 +57,7 @@ class PropagationResult(NamedTuple):
 def simulate(
     begin: Callable[[], Any],
     advance_through: Callable[[Any, list[Mark]], list[Any]],
-    marks: list[Mark],
+    marks: Sequence[Mark],
     scene: Scene,
     compute_budget: ComputeBudget,
     progress: Callable[[int, int], object] | None = None,
@@ -73,7 +73,7 @@ def simulate(
         Returns the carry at time 0.
     advance_through : callable
         Takes a carry and marks, and returns the carries at the marks (`Propagator.advance_through`).
-    marks : list of Mark
+    marks : sequence of Mark
     scene : Scene
     compute_budget : ComputeBudget
     progress : callable, optional
@@ -133,7 +133,7 @@ def run(
     scene: Scene,
     given: Belief,
     propagator: Propagator,
-    marks: list[Mark],
+    marks: Sequence[Mark],
     compute_budget: ComputeBudget,
     progress: Callable[[int, int], object] | None = None,
     events: Sequence[Event] = (),
@@ -174,9 +174,10 @@ class _Propagation:
 
     def run(self, progress):
         """Return the `PropagationResult`."""
-        scene, propagator = self._scene, self._propagator
+        scene = self._scene
+        propagator: Any = self._propagator
         # snapshots of resampled rollouts share computations with the last one, so they are made at the end
-        waits = isinstance(propagator, Samples) and propagator.resamples
+        waits = isinstance(self._propagator, Samples) and self._propagator.resamples
         waiting: list[tuple[Mark, Any]] = []
         try:
             begin = partial(propagator.init, scene, self._belief)
@@ -353,7 +354,7 @@ def are_moved_at_start(scene: Scene, first: Any) -> bool:
     return bool(moved or scene.overlap == "reject")
 
 
-def wide_states(scene: Scene, initial: Belief, marks: list[Mark], count: int) -> list[np.ndarray | None]:
+def wide_states(scene: Scene, initial: Belief, marks: Sequence[Mark], count: int) -> list[np.ndarray | None]:
     """Return states (R, B, 13) of rollouts of a belief that is twice as wide, at each mark.
 
     There are `rare_outcomes.WIDE_ROLLOUTS`, at most ``count``; None where they diverge.
