@@ -22,15 +22,8 @@ from ..scene.body import RigidBody
 from ..scene.presets import PRESETS
 from ..scene.scene import Scene
 from ..spatial.layout import ERROR, POSITION, QUATERNION, STATE
-from ..spatial.origin import (
-    at_com,
-    at_origin,
-    congruent,
-    covariance_at_com,
-    error_map,
-    inverse_error_map,
-    moved,
-)
+from ..spatial.origin import at_com, at_origin, congruent, error_map, inverse_error_map, moved
+from ..spatial.rotation import multiply
 from .predict import predict
 from .status import assess
 
@@ -66,8 +59,8 @@ def warm_up(
     P = covariance(1e-6 * np.eye(ERROR), ERROR, "covariance")
     belief = Belief(mean, np.stack([P, P]), scene.moving)
     moved(mean[0], np.zeros(3), -1.0)
-    covariance_at_com(np.eye(6), np.eye(6), mean[0], np.zeros(3))  # of what is given at its model's origin
-    at_com(np.eye(ERROR), mean[0], np.zeros(3))
+    at_com(np.eye(ERROR), mean[0], np.zeros(3))  # of what is given at its model's origin
+    multiply(tuple(mean[0, QUATERNION]), tuple(mean[0, QUATERNION]))  # or in another frame
     inverse_error_map(mean[0], np.zeros(3))
     at_origin(mean[0], np.eye(ERROR), np.zeros(3))  # of each body in answers
     error_map(mean[0], np.zeros(3))

@@ -261,10 +261,7 @@ def _body(own, library, settings) -> _Body:
     position = array(xyz(own.pose.position), (3,), "position")
     R = rotation_matrix(quaternion(xyzw(own.pose.orientation), "orientation"))
     centers = position + (model.centers[:_SPHERES] - model.origin) @ R.T
-    P = array(own.belief.pose_covariance, (36,), "pose_covariance").reshape(6, 6)
-    defaults = settings.covariance_defaults
-    if P[0, 0] == UNKNOWN or not (P.any() or defaults.zero_is_exact):
-        P = defaults.pose
+    P, _ = settings.covariance_defaults.known_pose(own.belief.pose_covariance, "pose_covariance")
     return _Body(own.id, position, centers, model.radii[:_SPHERES], P)
 
 

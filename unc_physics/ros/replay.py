@@ -203,13 +203,8 @@ def _outcomes(answer, place, scene, horizon, settings):
             continue
         state = predicted.states[place].pose
         error = np.subtract(xyz(own.pose.position), xyz(state.pose.position))
-        P = np.reshape(state.covariance, (6, 6))[:3, :3]
-        measured = np.reshape(own.belief.pose_covariance, (6, 6))[:3, :3]
-        P = P + (
-            measured
-            if measured.any() and measured[0, 0] >= 0.0
-            else settings.covariance_defaults.pose[:3, :3]
-        )
+        measured, _ = settings.covariance_defaults.known_pose(own.belief.pose_covariance, "pose.covariance")
+        P = (np.reshape(state.covariance, (6, 6)) + measured)[:3, :3]
         found.append(
             Outcome(
                 horizon, predicted.id, float(np.linalg.norm(error)), float(error @ np.linalg.solve(P, error))

@@ -164,27 +164,6 @@ def at_com(C, state, origin):
 
 
 @kernel
-def covariance_at_com(pose, twist, state, origin):
-    """Return the covariance (12, 12) at the COM from pose and twist covariances of a message.
-
-    Parameters
-    ----------
-    pose, twist : (6, 6) array
-        Covariances at the model's origin in the order of messages, independent of each other.
-    state : (13,) array
-        State at the COM.
-    origin : (3,) array
-        Body frame [m].
-    """
-    C = zeros((ERROR, ERROR))
-    for a in range(2):
-        for b in range(2):
-            _copy_block(pose, 3 * a, 3 * b, C, _POSE[a], _POSE[b], 1.0)
-            _copy_block(twist, 3 * a, 3 * b, C, _TWIST[a], _TWIST[b], 1.0)
-    return at_com(C, state, origin)
-
-
-@kernel
 def split(C):
     """Return pose and twist covariances (36,) in the order of messages.
 

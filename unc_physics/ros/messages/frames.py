@@ -15,7 +15,7 @@ from unc_physics_msgs.msg import Environment, Scene
 
 from ...checks.errors import UncPhysicsError, UnknownFrameError
 from ...checks.validation import array, quaternion
-from ...spatial.rotation import rotation_matrix
+from ...spatial.rotation import multiply, rotation_matrix
 from .fields import packed, pose_message, xyz, xyzw
 from .scene import UNKNOWN
 
@@ -142,7 +142,7 @@ class Transform(NamedTuple):
     def compose(self, other: Transform) -> Transform:
         """Return the transform that applies ``other`` first and this one second."""
         translation = self.R @ other.translation + self.translation
-        return Transform(self.R @ other.R, translation, _product(self.q, other.q))
+        return Transform(self.R @ other.R, translation, multiply(self.q, other.q))
 
     def scene(self, message):
         """Return a Scene in the other frame; its header and the shared pose error do not change."""
@@ -182,7 +182,7 @@ class Transform(NamedTuple):
             for place in point.transforms:
                 _rotate(place.translation, self.R, self.translation)
                 q = place.rotation
-                q.x, q.y, q.z, q.w = _product(self.q, xyzw(q))
+                q.x, q.y, q.z, q.w = multiply(self.q, xyzw(q))
             for twist in point.velocities:
                 _rotate(twist.linear, self.R)
                 _rotate(twist.angular, self.R)
@@ -224,21 +224,9 @@ class Transform(NamedTuple):
     def _move(self, pose):
         _rotate(pose.position, self.R, self.translation)
         q = pose.orientation
-        q.x, q.y, q.z, q.w = _product(self.q, xyzw(q))
+        q.x, q.y, q.z, q.w = multiply(self.q, xyzw(q))
 
 
 def _rotate(vector, R, translation=(0.0, 0.0, 0.0)):
     x, y, z = (R @ [vector.x, vector.y, vector.z] + translation).tolist()
     vector.x, vector.y, vector.z = x, y, z
-
-
-def _product(a, b):
-    """Return the Hamilton product of two quaternions (x, y, z, w)."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )

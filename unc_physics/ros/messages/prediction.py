@@ -1,8 +1,4 @@
-"""Prediction messages.
-
-Messages use the pose of a model's own origin and rotations about fixed axes of the frame. A `Belief` uses the
-centre of mass and body-frame rotations; `spatial.origin` converts.
-"""
+"""Prediction messages, whose conventions are those of `scene`."""
 
 from __future__ import annotations
 

@@ -35,8 +35,19 @@ from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from ...scene.scene_file import with_chosen_stiffness
 from ...scene.stiffness import AUTO
-from ...spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE, VELOCITY
-from ...spatial.origin import at_com, congruent, covariance_at_com, error_map, inverse_error_map, moved
+from ...spatial.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_POSITION,
+    ERR_ROTATION,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+)
+from ...spatial.origin import at_com, congruent, error_map, inverse_error_map, moved
 from .actions import ObjectActions, group_actions, read_actions, read_path
 from .environment import MATERIAL_FIELDS, element_id, read_environment, read_material
 from .fields import given_shapes, packed, writable, xyz, xyzw
@@ -45,6 +56,9 @@ from .fields import given_shapes, packed, writable, xyz, xyzw
 UNKNOWN = -1.0
 _AT_REST = 0.0, 0.0, 0.0
 _EXACT = 0.0, (0.0, 0.0, 0.0)  # standard deviations of mass and centre of mass
+# places of pose and twist in a covariance (12, 12)
+_POSE = np.ix_(*[np.r_[ERR_POSITION, ERR_ROTATION]] * 2)
+_TWIST = np.ix_(*[np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]] * 2)
 _KINDS = ObjectState.DYNAMIC, ObjectState.FIXED, ObjectState.PRESCRIBED
 _ROUND_OFF = 1e-6  # tolerance of a quaternion's length, for single precision
 
@@ -70,6 +84,25 @@ class CovarianceDefaults(NamedTuple):
         pose = np.diag(np.repeat([position, orientation], 3) ** 2)
         twist = np.diag(np.repeat([linear_velocity, angular_velocity], 3) ** 2)
         return cls(pose, twist, zero_is_exact)
+
+    def known_pose(self, values, field: str) -> tuple[np.ndarray, bool]:
+        """Return the covariance (6, 6) of a pose in a message, and whether zeros were read as unknown.
+
+        Parameters
+        ----------
+        values : (36,) array
+        field : str
+            Its name in error messages.
+
+        Raises
+        ------
+        InvalidCovarianceError, NotFiniteError
+        """
+        return _known(values, field, self.pose, self.zero_is_exact)
+
+    def known_twist(self, values, field: str) -> tuple[np.ndarray, bool]:
+        """Return the covariance (6, 6) of a twist in a message, as `known_pose` does."""
+        return _known(values, field, self.twist, self.zero_is_exact)
 
 
 EXACT = CovarianceDefaults.from_stds(0.0, 0.0, 0.0, 0.0, zero_is_exact=True)
@@ -307,24 +340,6 @@ def write_joint_covariance(scene: Scene, belief: Belief, origins: np.ndarray) ->
     return JointCovariance(object_ids=[body.name for _, body in bodies], data=packed(C))
 
 
-def read_joint_covariance(scene: Scene, mean: np.ndarray, C: np.ndarray, origins: np.ndarray) -> np.ndarray:
-    """Return the covariance of all M moving bodies, (12 M, 12 M), as a `Belief` has it.
-
-    Parameters
-    ----------
-    scene : Scene
-    mean : (B, 13) array
-        States.
-    C : (12 M, 12 M) array
-        As in messages, at points of the bodies.
-    origins : (B, 3) array
-        The points from those of the states, body frames [m].
-    """
-    moving = scene.moving.tolist()
-    maps = [inverse_error_map(mean[b], writable(origins[b])) for b in moving]
-    return congruent(_block_diagonal(maps), C)
-
-
 def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
     """Return a matrix (12 M, 12 M) of M blocks (12, 12)."""
     count = len(blocks)
@@ -514,19 +529,12 @@ def _covariance(message, field, covariance_defaults, state, origin):
         place = f"{field}.covariance"
         C = _checked(array(message.covariance, (ERROR**2,), place, InvalidCovarianceError).tobytes(), place)
         return at_com(C, state, origin), False
-    P_pose, zero_pose = known_covariance(
-        message.pose_covariance,
-        f"{field}.pose_covariance",
-        covariance_defaults.pose,
-        covariance_defaults.zero_is_exact,
+    C = np.zeros((ERROR, ERROR))
+    C[_POSE], zero_pose = covariance_defaults.known_pose(message.pose_covariance, f"{field}.pose_covariance")
+    C[_TWIST], zero_twist = covariance_defaults.known_twist(
+        message.twist_covariance, f"{field}.twist_covariance"
     )
-    P_twist, zero_twist = known_covariance(
-        message.twist_covariance,
-        f"{field}.twist_covariance",
-        covariance_defaults.twist,
-        covariance_defaults.zero_is_exact,
-    )
-    return covariance_at_com(P_pose, P_twist, state, origin), zero_pose or zero_twist
+    return at_com(C, state, origin), zero_pose or zero_twist
 
 
 def _joint_covariance(message, scene, mean, known):
@@ -566,8 +574,8 @@ def _joint_covariance(message, scene, mean, known):
                 "is fixed or prescribed", field=f"{place}.object_ids[{k}]", value=name
             )
     rows = np.concatenate(rows) if rows else np.zeros(0, int)
-    origins = np.array([body.model.origin for body in scene.bodies])
-    P = read_joint_covariance(scene, mean, np.ascontiguousarray(C[np.ix_(rows, rows)]), origins)
+    maps = [inverse_error_map(mean[b], writable(scene.bodies[b].model.origin)) for b in moving]
+    P = congruent(_block_diagonal(maps), np.ascontiguousarray(C[np.ix_(rows, rows)]))
     if not np.isfinite(P).all():
         raise NotFiniteError("is too large to be moved to the centres of mass", field=f"{place}.data")
     return P
@@ -618,24 +626,8 @@ def _stds(message, field, mass):
     )
 
 
-def known_covariance(values, field, unknown, zero_is_exact):
-    """Return a pose's or twist's covariance (6, 6), and whether zeros were read as unknown.
-
-    Parameters
-    ----------
-    values : (36,) array
-        As in a message about a belief.
-    field : str
-        Its name in error messages.
-    unknown : (6, 6) array
-        Replaces an unknown one.
-    zero_is_exact : bool
-        Whether zeros mean exact; otherwise they mean unknown.
-
-    Raises
-    ------
-    InvalidCovarianceError, NotFiniteError
-    """
+def _known(values, field, unknown, zero_is_exact):
+    """Return a covariance (6, 6), or ``unknown`` in its place, and whether zeros were read as unknown."""
     plain = isinstance(values, np.ndarray) and values.dtype == np.float64 and values.shape == (36,)
     P = _checked((values if plain else array(values, (36,), field, InvalidCovarianceError)).tobytes(), field)
     if P is None:

@@ -27,7 +27,7 @@ from ...tracking.report import TrackStatus
 from .actions import write_path
 from .fields import packed, pose_message, stamp_of, twist_message, writable, xyz, xyzw
 from .prediction import write_state
-from .scene import CovarianceDefaults, known_covariance
+from .scene import CovarianceDefaults
 
 #: Standard deviation of a new object's pose, over that of its first observation, which corrects it.
 _BEFORE_FIRST = 10.0
@@ -61,9 +61,7 @@ def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> Pos
     """
     position = point(xyz(observed.pose.position), "pose.position")
     q = quaternion(xyzw(observed.pose.orientation), "pose.orientation")
-    P, _ = known_covariance(
-        observed.belief.pose_covariance, "pose.covariance", defaults.pose, defaults.zero_is_exact
-    )
+    P, _ = defaults.known_pose(observed.belief.pose_covariance, "pose.covariance")
     to_body = np.eye(6)
     to_body[3:, 3:] = rotation_matrix(np.array(q)).T  # messages have rotations about fixed axes
     try:
@@ -74,8 +72,7 @@ def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> Pos
 
 def before_first(observed: ObjectState, defaults: CovarianceDefaults) -> ObjectState:
     """Return what is known of a new object before its first observation: nearly nothing."""
-    given = observed.belief.pose_covariance
-    P, _ = known_covariance(given, "pose.covariance", defaults.pose, defaults.zero_is_exact)
+    P, _ = defaults.known_pose(observed.belief.pose_covariance, "pose.covariance")
     state = ObjectState(id=observed.id, model=observed.model, pose=observed.pose, mass=observed.mass)
     state.belief.pose_covariance = _BEFORE_FIRST**2 * P.ravel()
     std = np.repeat([UNKNOWN_VELOCITY, UNKNOWN_SPIN], 3)
