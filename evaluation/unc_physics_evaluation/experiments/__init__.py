@@ -36,6 +36,7 @@ DEFAULT = (
 BY_NAME = (
     "collisions",
     "storage",
+    "scenes_at_random",
     "tracking",
     "reality",
     "propagators",
