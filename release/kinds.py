@@ -31,12 +31,14 @@ from unc_physics import (
     load_scene,
     make_propagator,
     predict,
+    primitive_model,
 )
 from unc_physics.__main__ import main as command
 from unc_physics.prediction.status import assess
 from unc_physics.prediction.warm_up import warm_up
 from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.scene.presets import PRESETS
+from unc_physics.shapes import signed_distance
 
 
 def kinds(examples: Path):
@@ -56,6 +58,7 @@ def kinds(examples: Path):
         options = ["--rollouts", "8", "--budget", "32"]
         yield f"rank {actions.stem}", (), partial(run, "rank", actions, *options)
     yield "track", (), track
+    yield "distance", (), measure_distance
     motions = examples / "tosses" / "cube.csv", examples / "tosses" / "cube.yaml"
     few = ["--samples", "4", "--evaluations", "80"]
     yield "calibrate", ("matplotlib", "scipy"), partial(run, "calibrate", *motions, *few)
@@ -104,6 +107,12 @@ def track():
         tracker.correct(k / 30, {"can": PoseMeasurement([0, 0, max(fall, 0.06), 0, 0, 0, 1], std)})
     tracker.predict(0.5)
     tracker.ahead([0.5])
+
+
+def measure_distance():
+    """Measure the distance of two models."""
+    mug, ball = load_model("mug"), primitive_model("sphere", radius=0.1)
+    assert 0.8 < signed_distance(mug, None, ball, ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))).distance < 0.9
 
 
 def pack():

@@ -170,6 +170,10 @@ class Lathe:
             )
         if len(profile) < 2 or not np.ptp(profile, axis=0).any():
             raise InvalidModelError("must have at least two different corners", field="profile")
+        if not profile[:, 0].max() > 0.0:
+            raise InvalidModelError(
+                "must leave the axis; two points make a capsule as a Hull", field="profile"
+            )
         if profile[:, 0].min() < 0.0:
             raise InvalidModelError(
                 "must have no negative radius", field="profile", value=profile[:, 0].min()

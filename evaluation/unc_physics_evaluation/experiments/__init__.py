@@ -44,6 +44,7 @@ BY_NAME = (
     "latency",
     "releases",
     "same_bits",
+    "distances",
 )
 NAMES = DEFAULT + BY_NAME
 

@@ -1,0 +1,177 @@
+"""Contacts of two bodies: they support a body as its outline does."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from unc_physics import load_model
+from unc_physics.shapes.columns import GAP, NORMAL, POINT
+from unc_physics.shapes.distance import distance_of_pieces
+from unc_physics.shapes.manifold import MOST_OF_BODIES, MOST_OF_PIECES, manifold_of_bodies
+from unc_physics.shapes.pieces import HalfSpace, ball, box, capsule, cylinder, piece_arrays
+
+FAR = 1e-3
+FLOOR = [HalfSpace()]
+TABLE = [box((1.0, 1.0, 0.1), (0.0, 0.0, -0.05))]
+
+
+def frame(position=(0.0, 0.0, 0.0), rotation=None):
+    R = np.eye(3) if rotation is None else rotation
+    return np.concatenate([np.asarray(position, float), np.ravel(R)])
+
+
+def yaw(angle):
+    return Rotation.from_euler("z", angle).as_matrix()
+
+
+def contacts(a, frame_a, b, frame_b, lean=(1.0, 0.0, 0.0), far=FAR):
+    """Points (n, 3) in world axes, gaps and normals of contacts."""
+    arrays = piece_arrays([a, b])
+    rows, _ = manifold_of_bodies(
+        np.array([frame_a, frame_b]), arrays.pieces, arrays.rows, arrays.first, far, np.asarray(lean, float)
+    )
+    assert len(rows) <= MOST_OF_BODIES
+    return rows[:, POINT : POINT + 3] + frame_a[:3], rows[:, GAP], rows[:, NORMAL : NORMAL + 3]
+
+
+@pytest.mark.parametrize("ground", [FLOOR, TABLE])
+@given(angle=st.floats(0.0, 6.3), load=st.floats(0.0, 6.3))
+@settings(deadline=None, max_examples=30)
+def test_a_can_is_supported_by_its_true_rim_at_every_yaw(ground, angle, load):
+    """It tips when gravity's line leaves the circle of its rim, whatever its yaw and the load's direction."""
+    lean = np.array([np.cos(load), np.sin(load), 0.0])
+    for top in ([cylinder(0.03, 0.1)], [cylinder(0.03, 0.05), cylinder(0.02, 0.1)]):
+        low = 0.05 if len(top) == 1 else 0.025
+        if len(top) == 2:
+            top[1] = top[1].moved((0.0, 0.0, 0.06), np.eye(3))
+        points, gaps, normals = contacts(ground, frame(), top, frame((0.1, 0.2, low), yaw(angle)), lean)
+        assert 3 <= len(points) <= MOST_OF_PIECES
+        assert ((points - [0.1, 0.2, 0.0]) @ lean).max() == pytest.approx(0.03, abs=1e-9)
+        assert np.abs(gaps).max() < 1e-12
+        np.testing.assert_allclose(normals, np.tile([0.0, 0.0, 1.0], (len(points), 1)), atol=1e-9)
+        assert np.linalg.norm(points[:, :2] - [0.1, 0.2], axis=1).max() < 0.03 + 1e-12
+
+
+def test_a_can_on_a_can_is_supported_by_the_smaller_rim():
+    for k in range(12):
+        lean = np.array([np.cos(k), np.sin(k), 0.0])
+        points, _, normals = contacts(
+            [cylinder(0.04, 0.1)], frame(), [cylinder(0.03, 0.1)], frame((0.0, 0.0, 0.1), yaw(0.3 * k)), lean
+        )
+        assert (points @ lean).max() == pytest.approx(0.03, abs=1e-9)
+        assert normals[:, 2].min() > 1.0 - 1e-12
+
+
+@pytest.mark.parametrize("ground", [FLOOR, TABLE])
+@pytest.mark.parametrize("angle", np.linspace(0.0, 3.0, 7))
+def test_a_can_on_its_side_touches_along_its_length(ground, angle):
+    R = yaw(angle) @ Rotation.from_euler("y", 90, degrees=True).as_matrix()
+    points, gaps, normals = contacts(ground, frame(), [cylinder(0.03, 0.1)], frame((0.0, 0.0, 0.03), R))
+    assert len(points) == 2
+    assert np.linalg.norm(points[0] - points[1]) == pytest.approx(0.1, abs=1e-9)
+    assert np.abs(gaps).max() < 1e-9 and normals[:, 2].min() > 1.0 - 1e-12
+    points, *_ = contacts(ground, frame(), [capsule(0.03, 0.1)], frame((0.0, 0.0, 0.03), R))
+    assert np.linalg.norm(points[0] - points[-1]) == pytest.approx(0.1, abs=1e-9)
+
+
+@given(x=st.floats(-0.1, 0.1), y=st.floats(-0.1, 0.1), angle=st.floats(0.0, 6.3), world=st.integers(0, 50))
+@settings(deadline=None, max_examples=60)
+def test_a_box_on_a_box_is_supported_by_their_overlap(x, y, angle, world):
+    """The contacts are corners of the overlap, and at most an eighth of its area is lost."""
+    Q = Rotation.random(random_state=world).as_matrix()
+    lower, upper = [box((0.2, 0.2, 0.1))], [box((0.1, 0.16, 0.1))]
+    points, gaps, normals = contacts(
+        lower, frame(rotation=Q), upper, frame(Q @ [x, y, 0.1 + 1e-6], Q @ yaw(angle))
+    )
+    assert len(points) <= MOST_OF_PIECES and np.abs(gaps - 1e-6).max() < 1e-9
+    np.testing.assert_allclose(normals @ Q, np.tile([0.0, 0.0, 1.0], (len(points), 1)), atol=1e-6)
+    flat = (points @ Q)[:, :2]
+    assert np.abs(flat).max() < 0.1 + 1e-6
+    own = (flat - [x, y]) @ yaw(angle)[:2, :2]
+    assert (np.abs(own) < np.array([0.05, 0.08]) + 1e-6).all()
+    corners = np.array([[0.05, 0.08], [-0.05, 0.08], [-0.05, -0.08], [0.05, -0.08]])
+    overlap = clipped(corners @ yaw(angle)[:2, :2].T + [x, y], 0.1)
+    assert len(overlap) > 2  # the boxes are too near each other to miss
+    if len(points) > 2 and ConvexHull(overlap).volume > 1e-5:
+        assert ConvexHull(flat).volume > 0.5 * ConvexHull(overlap).volume
+
+
+def clipped(polygon, half):
+    """A convex polygon within a square of half side ``half`` (Sutherland and Hodgman)."""
+    for axis in range(2):
+        for side in (1.0, -1.0):
+            kept = []
+            for p, q in zip(np.roll(polygon, 1, axis=0), polygon, strict=True):
+                a, b = half - side * p[axis], half - side * q[axis]
+                if (a < 0.0) != (b < 0.0):
+                    kept.append(p + a / (a - b) * (q - p))
+                if b >= 0.0:
+                    kept.append(q)
+            polygon = np.array(kept)
+    return polygon
+
+
+def test_a_seam_of_two_boxes_has_no_edge():
+    """A ball that sinks a little, or a box's edge over the seam, touches the flat top alone."""
+    halves = [box((0.2, 0.4, 0.1), (side * 0.1, 0.0, -0.05)) for side in (-1.0, 1.0)]
+    for x in np.linspace(-0.01, 0.01, 21):
+        for body, height in (
+            ([ball(0.02)], 0.02),
+            ([box((0.04, 0.04, 0.04))], 0.02),
+            ([cylinder(0.02, 0.04)], 0.02),
+        ):
+            for depth in (-1e-4, 0.0, 2e-5, 8e-5):
+                _, _, normals = contacts(halves, frame(), body, frame((x, 0.0, height - depth)))
+                assert len(normals) and normals[:, 2].min() > 1.0 - 1e-9
+
+
+def test_a_bowl_in_a_bowl_is_supported_all_around():
+    bowl = load_model("bowl")
+    low, high = 0.0, 0.05
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        found = distance_of_pieces(bowl.pieces, frame(), bowl.pieces, frame((0.0, 0.0, middle)))
+        low, high = (low, middle) if found.distance > 0.0 else (middle, high)
+    points, _, normals = contacts(bowl.pieces, frame(), bowl.pieces, frame((0.0, 0.0, high)), far=2e-4)
+    assert 8 <= len(points) <= MOST_OF_BODIES
+    azimuth = np.sort(np.arctan2(points[:, 1], points[:, 0]))
+    assert np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi).max() < np.pi / 2.0
+    assert normals[:, 2].min() > 0.0  # all of them lift
+
+
+@given(seed=st.integers(0, 999))
+@settings(deadline=None, max_examples=30)
+def test_the_order_of_bodies_and_the_world_do_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    a, b = [box((0.1, 0.12, 0.14))], [cylinder(0.03, 0.1)]
+    Ra, Rb = (Rotation.random(random_state=rng).as_matrix() for _ in range(2))
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    along = 0.3
+    for _ in range(30):
+        along -= distance_of_pieces(a, frame(rotation=Ra), b, frame(along * direction, Rb)).distance - 2e-4
+    at = frame(rotation=Ra), frame(along * direction, Rb)
+    points, gaps, normals = contacts(a, at[0], b, at[1])
+    swapped = contacts(b, at[1], a, at[0])
+    assert len(points) >= 1 and len(points) == len(swapped[0])
+    Q, shift = Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3)
+    turned = contacts(a, frame(shift, Q @ Ra), b, frame(Q @ at[1][:3] + shift, Q @ Rb), lean=Q[:, 0])
+    mirror = np.diag([1.0, -1.0, 1.0])  # both shapes are their own mirror images
+    mirrored = contacts(
+        a, frame(rotation=mirror @ Ra @ mirror), b, frame(mirror @ at[1][:3], mirror @ Rb @ mirror)
+    )
+    order = np.lexsort(points.round(7).T)
+    for other, back, sign in (
+        (swapped, lambda x: x, -1.0),
+        ((turned[0] - shift, *turned[1:]), lambda x: x @ Q, 1.0),
+        (mirrored, lambda x: x @ mirror, 1.0),
+    ):
+        found = back(other[0])
+        same = np.lexsort(found.round(7).T)
+        np.testing.assert_allclose(found[same], points[order], atol=1e-6)
+        assert other[1].min() == pytest.approx(gaps.min(), abs=1e-9)
+        np.testing.assert_allclose(other[1][same], gaps[order], atol=1e-6)  # far corners turn with the normal
+        np.testing.assert_allclose(sign * back(other[2])[same], normals[order], atol=1e-6)

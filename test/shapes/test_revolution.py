@@ -1,0 +1,95 @@
+"""Profiles cut into convex parts, and surfaces of the library's models."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from unc_physics import load_model
+from unc_physics.geometry import shapes as meshes
+from unc_physics.geometry.household import HOUSEHOLD
+from unc_physics.geometry.recipes import RECIPES
+from unc_physics.shapes.pieces import Lathe, convex_outline
+from unc_physics.shapes.revolution import convex_parts, lathe_pieces
+from unc_physics.shapes.surface_error import distances_of_points, surface_error
+
+TOLERANCE = 7e-4
+OUTSIDE, INSIDE = 5e-5, 7e-4  # agreed surface errors [m]
+FILLED = {"can": 3e-3}  # the depth of its lids below the rims
+
+
+def contains(polygon, points):
+    """Whether a simple polygon contains each point (k, 2)."""
+    a, b = polygon, np.roll(polygon, -1, axis=0)
+    above = (a[:, 1] > points[:, None, 1]) != (b[:, 1] > points[:, None, 1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = a[:, 0] + (points[:, None, 1] - a[:, 1]) / (b - a)[:, 1] * (b - a)[:, 0]
+    return np.sum(above & (points[:, None, 0] < at), axis=1) % 2 == 1
+
+
+@st.composite
+def star_polygons(draw):
+    """Simple polygons, star-shaped about (0.1, 0.1), often far from convex."""
+    rng = np.random.default_rng(draw(st.integers(0, 99_999)))
+    angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, draw(st.integers(5, 25))))
+    if np.diff(angles, append=angles[0] + 2.0 * np.pi).max() > 0.9 * np.pi:
+        angles = np.linspace(0.0, 2.0 * np.pi, len(angles), endpoint=False)
+    radii = rng.uniform(0.02, 0.09, len(angles))
+    return np.column_stack([0.1 + radii * np.cos(angles), 0.1 + radii * np.sin(angles)])
+
+
+@given(star_polygons())
+@settings(deadline=None, max_examples=60)
+def test_parts_are_convex_cover_the_polygon_and_stick_out_little(polygon):
+    rng = np.random.default_rng(0)
+    points = rng.uniform(polygon.min(axis=0), polygon.max(axis=0), (1500, 2))
+    parts = convex_parts(polygon, TOLERANCE)
+    covered = np.any([contains(part, points) for part in parts], axis=0)
+    assert covered[contains(polygon, points)].all()
+    for part in parts:
+        assert len(convex_outline(part)) == len(part)
+        inside = points[contains(part, points) & ~contains(polygon, points)]
+        a, along = polygon, np.roll(polygon, -1, axis=0) - polygon
+        share = np.clip(((inside[:, None] - a) * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)
+        away = np.linalg.norm(inside[:, None] - a - share[..., None] * along, axis=2).min(axis=1)
+        assert away.max(initial=0.0) < TOLERANCE * 1.05
+
+
+def test_a_convex_profile_is_one_piece_and_a_tube_is_a_ring():
+    solid = lathe_pieces(np.array([[0, 0], [0.05, 0], [0.04, 0.1], [0, 0.1]]), TOLERANCE)
+    assert len(solid) == 1 and solid[0].whole
+    tube = lathe_pieces(np.array([[0.04, 0], [0.05, 0], [0.05, 0.1], [0.04, 0.1]]), TOLERANCE)
+    assert not any(sector.whole for sector in tube)
+    needed = np.pi / np.arccos(1.0 - TOLERANCE / 0.04)
+    assert needed <= len(tube) < 1.3 * needed
+
+
+@pytest.mark.parametrize("profile", [meshes.bowl_profile, meshes.mug_profile, meshes.plate_profile])
+def test_pieces_of_hollow_bodies_cover_the_solid(profile):
+    polygon = profile()
+    rng = np.random.default_rng(1)
+    flat = rng.uniform(polygon.min(axis=0), polygon.max(axis=0), (4000, 2))
+    flat = flat[contains(polygon, flat)][:400]
+    angle = rng.uniform(0.0, 2.0 * np.pi, len(flat))
+    points = np.column_stack([flat[:, 0] * np.cos(angle), flat[:, 0] * np.sin(angle), flat[:, 1]])
+    assert distances_of_points(lathe_pieces(polygon, TOLERANCE), points).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", HOUSEHOLD)
+def test_surface_errors_of_household_models(name):
+    vertices, triangles = RECIPES[name].mesh()
+    model = load_model(name)
+    pieces = [piece.moved(-model.origin, np.eye(3)) for piece in model.pieces]
+    assert len(pieces) == len(HOUSEHOLD[name]())
+    error = surface_error(pieces, vertices[triangles], 2000)
+    assert error.outside < OUTSIDE
+    assert error.inside < FILLED.get(name, INSIDE) + 1e-9
+    assert error.mean <= error.high <= max(error.outside, error.inside)
+
+
+def test_a_surface_error_is_the_distance_by_which_a_piece_is_off():
+    vertices, triangles = meshes.brick()
+    long = [Lathe([[0.0, 0.0], [0.5, 0.0], [0.5, 0.071], [0.0, 0.071]])]
+    assert surface_error(long, vertices[triangles], 200).outside < 1e-12
+    small = HOUSEHOLD["brick"]()[0].scaled(0.9)
+    assert surface_error([small], vertices[triangles], 2000).outside == pytest.approx(0.0136, rel=0.05)
