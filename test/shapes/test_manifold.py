@@ -14,6 +14,7 @@ from unc_physics.shapes.manifold import MOST_OF_BODIES, MOST_OF_PIECES, manifold
 from unc_physics.shapes.pieces import HalfSpace, ball, box, capsule, cylinder, piece_arrays
 
 FAR = 1e-3
+TURN = 5e-6  # error of normals of rims and edges [rad]
 FLOOR = [HalfSpace()]
 TABLE = [box((1.0, 1.0, 0.1), (0.0, 0.0, -0.05))]
 
@@ -172,6 +173,6 @@ def test_the_order_of_bodies_and_the_world_do_not_matter(seed):
         found = back(other[0])
         same = np.lexsort(found.round(7).T)
         np.testing.assert_allclose(found[same], points[order], atol=1e-6)
-        assert other[1].min() == pytest.approx(gaps.min(), abs=1e-9)
+        assert other[1].min() == pytest.approx(gaps.min(), abs=1e-8)
         np.testing.assert_allclose(other[1][same], gaps[order], atol=1e-6)  # far corners turn with the normal
-        np.testing.assert_allclose(sign * back(other[2])[same], normals[order], atol=1e-6)
+        np.testing.assert_allclose(sign * back(other[2])[same], normals[order], atol=TURN)

@@ -36,7 +36,7 @@ _OVERLAPPING = 1e-7  # distance of cores below which the direction between them 
 _ACCURACY = 1e-12  # relative, of squared distances; a direction is then certain to 1e-6 rad
 _ROUND_OFF = 1e-17  # of distances [m]
 _ITERATIONS = 64  # of GJK; smooth pieces take about 20
-_UNPROVEN = 1e-10  # difference of the distance of two points and the gap along their direction [m]
+_UNPROVEN = 1e-12  # difference of the distance of two points and the gap along their direction [m]
 _ROUNDS = 64  # of drawing apart; faces take two
 _SAME = 1e-13  # 1 - cosine of directions that agree
 _GAINED = 1e-12  # a round that increases the gap by less is the last [m]
@@ -266,7 +266,7 @@ def nearest(a, b, n, known, far, base, frames, pieces, rows, work):
         d, m, p, q = core_distance(a, b, n, (0.0, 0.0, 0.0), far + swept, base, frames, pieces, rows, work)
     if d < 0.0:
         m = n if known else best_face_normal(a, b, n, base, frames, pieces, rows)
-    elif d > 2.0 * DRAWN_APART or d - swept - gap_along(a, b, m, base, frames, pieces, rows) < _UNPROVEN:
+    elif d > _FARTHEST_APART or d - swept - gap_along(a, b, m, base, frames, pieces, rows) < _UNPROVEN:
         gap = d - swept
         return gap, m, plus(p, times(pieces[a, ROUNDING], m)), minus(q, times(pieces[b, ROUNDING], m))
     # overlapping, or so near that the direction between points of round surfaces is uncertain
