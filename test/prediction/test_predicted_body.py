@@ -68,6 +68,7 @@ def test_a_body_s_numbers_are_those_of_the_belief(tumbling):
     T = np.zeros((6, 12))
     T[:3, :3], T[3:, 6:9] = np.eye(3), R
     np.testing.assert_allclose(mug.covariance("ros"), T @ P @ T.T, atol=ROUND_OFF)
+    np.testing.assert_array_equal(mug.samples(5), tumbling.samples(5)[:, 0])
     mug.position[:] = 7.0  # a copy
     np.testing.assert_array_equal(mug.position, x[:3])
 
@@ -146,6 +147,7 @@ def test_trajectories_hold_each_time(tumbling):
             )
         ],
         (lambda p: p.probability(Touches("mug", "pots")), "event.other is neither .* did you mean 'post'"),
+        (lambda p: p.contact_time(Touches("mug", "pots")), "event.other is neither .* did you mean 'post'"),
         (lambda p: p.probability(Touches("post", "plane_0")), "'post' can touch, as neither moves freely"),
     ],
 )

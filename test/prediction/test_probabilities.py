@@ -25,7 +25,7 @@ from unc_physics import (
     predict,
 )
 from unc_physics.__main__ import main
-from unc_physics.checks.errors import InvalidEnvironmentError
+from unc_physics.checks.errors import InvalidEnvironmentError, InvalidRequestError
 from unc_physics.cli.predict_command import probabilities_as_table
 from unc_physics.prediction.snapshot import ContactTime, Probability
 from unc_physics.scene.scene_file import scene_from_dict
@@ -165,6 +165,33 @@ def test_before_any_contact_everything_is_told():
     assert prediction.contact_time(TOUCH) is None
 
 
+@pytest.mark.parametrize(
+    ("propagator", "std", "body", "physics", "simulated"),
+    [
+        ("linearization", 0.1, {}, {}, True),
+        ("sigma_points", 0.1, {}, {"friction_std": 0.1}, True),
+        ("cloud", 0.1, {}, {}, True),  # its samples are drawn from few rollouts
+        ("auto", 0.1, {}, {}, False),
+        ("monte_carlo", 0.1, {}, {}, False),
+        ("sigma_points", 0.0, {}, {}, False),
+        ("sigma_points", 0.1, {"mass_std": 0.1}, {}, False),  # flights have certain parameters
+        ("linearization", 0.1, {"fixed": True}, {}, False),
+    ],
+)
+def test_flights_are_simulated_where_they_tell_more_than_the_answer(
+    propagator, std, body, physics, simulated
+):
+    """Than samples of its own, or where there is one outcome."""
+    model = load_model("can").prefix(20)
+    scene = Scene.everyday(
+        [RigidBody("can", model, 1.0, **body)], environment=[Plane(offset=-0.3)], exact=True, **physics
+    )
+    belief = Belief.of(scene, {"can": BodyBelief(position_std=0.0 if body.get("fixed") else std)})
+    found = predict(scene, belief, propagator, 0.1, times=[0.05], events=[AtRest("can")])
+    assert [snapshot.flights is not None for snapshot in found.snapshots] == [simulated] * 2
+    assert predict(scene, belief, propagator, 0.1).at().flights is None
+
+
 def test_a_certain_prediction_is_certain_of_its_answers():
     scene, belief, _ = grazing(0.0)
     sure = Belief(belief.mean, np.zeros((2, 12, 12)))
@@ -193,6 +220,9 @@ def test_regions_are_boxes_in_any_pose():
     assert inside.tolist() == [True, False, True, False]
     with pytest.raises(InvalidEnvironmentError, match="size"):
         BoxRegion("flat", [1.0, 0.0, 1.0])
+    for name in ("", 3):
+        with pytest.raises(InvalidRequestError, match="name of region must be a non-empty text"):
+            BoxRegion(name, [1.0, 1.0, 1.0])
 
 
 def test_the_command_line_reports_probabilities(tmp_path, capsys):

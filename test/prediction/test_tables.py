@@ -1,13 +1,14 @@
 """Predictions as text and as plain values."""
 
 import json
-import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
-from plain_scenes import BALL, independent, state
+from plain_scenes import BALL, ball, state
 
-from unc_physics import Plane, RigidBody, Scene, make_propagator, predict
-from unc_physics.prediction.tables import FEW_LINES
+from unc_physics import Belief, Box, RigidBody, Scene, make_propagator, predict
+from unc_physics.prediction.tables import FEW_LINES, as_table, why_no_pose
 
 
 @pytest.fixture(scope="module")
@@ -46,22 +47,39 @@ def test_plain_values_are_those_of_the_command(prediction):
     assert found["bodies"][0]["position"] == prediction["left"].position.tolist()
 
 
-def test_a_spread_beyond_the_scene_has_a_reason_in_place_of_a_pose():
-    """Two balls that bounce in a box for a minute, which stretches the linear map, not rollouts."""
-    walls = [Plane(normal, -1.0) for normal in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))]
-    scene = Scene(
-        [RigidBody("a", BALL.scaled(4.0), 1.0), RigidBody("b", BALL.scaled(4.0), 1.0)],
-        stiffness=1e5,
-        dt=0.005,
-        environment=walls,
-        gravity=(0, 0, 0),
-    )
-    states = state((0.5, 0.1, 0), (1.0, 0.3, 0)), state((-0.5, 0, 0), (-0.7, 0.4, 0))
-    belief = independent(*states, position=0.01)
-    text = str(predict(scene, belief, "linearization", 60.0))
-    assert re.search(
-        r"^a +no pose: the standard deviation of \S+ m exceeds the size of the scene, \d", text, re.MULTILINE
-    )
-    text = str(predict(scene, belief, make_propagator("monte_carlo", samples=5), 60.0))
-    assert "no pose" not in text
-    assert "no pose" not in str(predict(scene, belief, "linearization", 0.2))
+def test_hidden_lines_are_counted(prediction):
+    """Of one time with more bodies than lines: the first ones are shown."""
+    (lines,) = (as_table(prediction[:1], most).splitlines() for most in (4,))
+    assert len(lines) == 4 and lines[-1] == "... 2 more bodies"
+    assert as_table(prediction[:1], 5) == as_table(prediction[:1])
+    assert len(as_table(prediction).splitlines()) == 1 + 30 * 4
+    assert as_table(prediction, 10).splitlines()[1] == "... 28 earlier times are not shown"
+
+
+@pytest.mark.parametrize(
+    ("walls", "gravity", "velocity", "std", "size"),
+    [
+        ((), 0.0, 0.0, 0.0, 3.13),  # two balls of 5 and 8 cm that are 3 m apart
+        ((5.0,), 0.0, 0.0, 0.0, 5.08),
+        ((), 2.0, 0.0, 0.0, 3.13 + 4.0),
+        ((), 2.0, 0.7, 0.0, 3.13 + 4.0 + 1.4),
+        ((), 0.0, 0.7, 0.1, 3.13 + 1.4 + 0.1 + 0.2),
+    ],
+)
+def test_a_spread_beyond_the_scene_has_a_reason_in_place_of_a_pose(walls, gravity, velocity, std, size):
+    """Beyond the extent at the start, and what bodies may fly and be off in two seconds."""
+    bodies = [RigidBody("a", BALL, 1.0), RigidBody("b", ball(0.08), 1.0), RigidBody("c", BALL, fixed=True)]
+    environment = [Box((0.1, 0.1, 0.1), (0, x, 0)) for x in walls]
+    scene = Scene(bodies, dt=0.1, gravity=(0, gravity, 0), environment=environment)
+    states = [state((1, 0, 0), (0, 0, velocity)), state((4, 0, 0)), state((2, 0, 0))]
+    P = np.zeros((2, 12, 12))
+    P[0, 0, 0] = P[0, 5, 5] = std**2
+    found = predict(scene, Belief(np.array(states), P, [0, 1]), "linearization", 2.0)
+    for share, missing in ((0.995, False), (1.005, True)):
+        wide = np.zeros((2, 12, 12))
+        wide[1, 1, 1] = (share * size) ** 2
+        belief = Belief(found.belief.mean, wide, [0, 1])
+        one = replace(found, snapshots=(replace(found.at(), belief=belief),))
+        assert [why_no_pose(one, 0, k) is not None for k in range(3)] == [False, missing, False]
+        assert ("exceeds the size of the scene, " in str(one)) == missing
+        assert why_no_pose(replace(one, propagator=make_propagator("sigma_points")), 0, 1) is None
