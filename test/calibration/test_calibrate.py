@@ -7,10 +7,9 @@ import pytest
 import yaml
 from throws import everyday, scene, throws
 
-from unc_physics import Plane, UncPhysicsError, calibrate, load_scene, save_packing
+from unc_physics import Plane, Scene, UncPhysicsError, calibrate, load_scene, save_packing
 from unc_physics.__main__ import main
 from unc_physics.calibration.adjustable import Model, adjustables, chosen, fitted_by_default, with_values
-from unc_physics.calibration.calibrate import Fitted
 from unc_physics.calibration.flight import FlightGravity
 from unc_physics.calibration.objective import Objective, recorded
 from unc_physics.calibration.snippet import as_scene_file, as_table
@@ -131,16 +130,6 @@ def test_only_a_clear_difference_of_gravity_is_reported(found, seen, std, warns)
     assert ("free flights fall" in table) == warns
 
 
-def test_a_spread_that_is_not_clearly_above_zero_has_an_upper_bound(found):
-    spread = Fitted("friction_std", "", "", 0.12, 0.016, 0.0064, True)
-    assert spread.upper_bound == pytest.approx(0.0309, rel=0.01)
-    clear, loose = replace(spread, std=0.005), replace(spread, determined=False)
-    friction = replace(spread, name="friction")
-    assert [one.may_be_zero for one in (spread, clear, loose, friction)] == [True, False, False, False]
-    table = as_table(replace(found, fitted=(spread,), bounds=((1e-4, 0.5),)))
-    assert "not clearly above zero, with upper bounds of 95 %: friction_std (at most 0.031)" in table
-
-
 def test_what_is_not_known_of_friction_is_part_of_its_spread(found):
     for name in ("friction", "restitution"):
         (one,) = (one for one in found.fitted if one.name == name)
@@ -209,17 +198,14 @@ def test_the_command(motions, tmp_path, capsys):
         ({"fit": ["fricton"]}, "did you mean 'friction'"),
         ({"evaluations": 3}, "evaluations"),
         ({"samples": 1}, "samples"),
+        ({"scene": scene(environment=[Plane(offset=1.0)])}, "motions touch something"),
+        ({"scene": Scene(TRUE.bodies)}, "integrator needs the implicit integrator"),
+        (
+            {"scene": replace(TRUE, bodies=[*TRUE.bodies, replace(TRUE.bodies[0], name="other")])},
+            "bodies must be one that moves",
+        ),
     ],
 )
 def test_refused(motions, changes, message):
     with pytest.raises(UncPhysicsError, match=message):
-        calibrate(motions, scene(), **({"fit": ["friction"]} | changes))
-
-
-def test_refused_scenes(motions):
-    with pytest.raises(UncPhysicsError, match="touch something"):
-        calibrate(motions, scene(environment=[Plane(offset=1.0)]), ["friction"])
-    two = scene()
-    two = replace(two, bodies=[*two.bodies, replace(two.bodies[0], name="other")])
-    with pytest.raises(UncPhysicsError, match="one that moves"):
-        calibrate(motions, two, ["friction"])
+        calibrate(motions, **({"scene": scene(), "fit": ["friction"]} | changes))

@@ -15,8 +15,8 @@ INERTIA = np.diag([1.0, 2.0, 2.5]) * 1e-3
 UNEQUAL = replace(SCENE, bodies=[replace(SCENE.bodies[0], inertia=INERTIA)])
 
 
-def flights(count, noise, seed=0, spin=6.0):
-    """Free flights of an unequal body, and their true states at time 0."""
+def flights(count, noise, seed=0, spin=6.0, inertia=INERTIA):
+    """Free flights of a body, and their true states at time 0."""
     rng, found, truth, dt = np.random.default_rng(seed), [], [], 0.01
     for k in range(count):
         q, omega = Rotation.random(random_state=seed + k), spin * rng.standard_normal(3)
@@ -29,19 +29,25 @@ def flights(count, noise, seed=0, spin=6.0):
             seen = turn * Rotation.from_rotvec(noise[1] * rng.standard_normal(3))
             rows.append(np.concatenate([position, seen.as_quat()]))
             for _ in range(10):  # the spin's change, by small steps that keep the angular momentum
-                world = turn.as_matrix() @ INERTIA @ turn.as_matrix().T
+                world = turn.as_matrix() @ inertia @ turn.as_matrix().T
                 momentum = world @ omega if momentum is None else momentum
                 half = Rotation.from_rotvec(np.linalg.solve(world, momentum) * dt / 20) * turn
-                world = half.as_matrix() @ INERTIA @ half.as_matrix().T
+                world = half.as_matrix() @ inertia @ half.as_matrix().T
                 turn = Rotation.from_rotvec(np.linalg.solve(world, momentum) * dt / 10) * turn
         found.append(Motion(str(k), dt * np.arange(8), np.array(rows)))
     return found, np.array(truth)
 
 
-def test_a_flight_without_noise_is_found_again():
-    motions, truth = flights(5, (0.0, 0.0))
+@pytest.mark.parametrize(
+    ("inertia", "gyroscopic"), [(INERTIA, True), (2e-3 * np.eye(3), True), (np.eye(3), False)]
+)
+def test_a_flight_without_noise_is_found_again(inertia, gyroscopic):
+    """Without the gyroscopic term a body turns as one whose moments are equal."""
+    motions, truth = flights(5, (0.0, 0.0), inertia=inertia)
+    body = replace(SCENE.bodies[0], inertia=inertia if gyroscopic else INERTIA)
+    of = replace(SCENE, bodies=[body], gyroscopic=gyroscopic)
     for motion, state in zip(motions, truth, strict=True):
-        start = fit_start(motion, UNEQUAL)
+        start = fit_start(motion, of)
         np.testing.assert_allclose(start.state[:6], state[:6], atol=1e-9)
         turn = Rotation.from_quat(start.state[6:10]) * Rotation.from_quat(state[6:10]).inv()
         assert turn.magnitude() < 1e-4
@@ -78,6 +84,7 @@ def test_flights_tell_gravity():
         motion.poses[:, :3] = motion.poses[0, :3] + 0.5 * motion.times[:, None] ** 2 * [0.1, -0.2, -9.5]
     assert flight_gravity(longer, SCENE).acceleration == pytest.approx([0.1, -0.2, -9.5], rel=1e-6)
     assert flight_gravity(motions, SCENE) is None, "too short"
+    assert flight_gravity(longer, replace(SCENE, gravity=(0.0, 0.0, 0.0))) is None
 
 
 @pytest.mark.parametrize("rate", [60, 90])

@@ -1,6 +1,9 @@
 """Recorded motions from files: what is read, and what is refused."""
 
-from importlib.util import find_spec
+import struct
+import sys
+from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -58,7 +61,13 @@ def test_a_pose_between_two():
     np.testing.assert_allclose(motion.pose(2.0)[:3], [4.5, 5.5, 6.5])
     turn = Rotation.from_quat(motion.pose(2.0)[3:]) * Rotation.from_euler("z", -0.15)
     assert turn.magnitude() < 1e-6
-    assert motion.nearest(0.6) == 1.0
+    assert motion.nearest(0.6) == 1.0 and motion.nearest(1.9) == 1.0
+    np.testing.assert_array_equal(motion.pose(-1.0), motion.poses[0])
+    np.testing.assert_array_equal(motion.pose(9.0), motion.poses[-1])
+    flipped = motion.poses.copy()
+    flipped[2, 3:] *= -1.0  # the same rotation
+    same = Motion("m", motion.times, flipped).pose(2.0)
+    assert (Rotation.from_quat(same[3:]) * Rotation.from_euler("z", -0.15)).magnitude() < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -105,12 +114,69 @@ def test_refused_paths(tmp_path):
         read_motions(tmp_path / "a.npz")
 
 
-def test_a_rosbag_needs_its_reader(tmp_path):
+def test_a_rosbag_needs_its_reader(tmp_path, monkeypatch):
     (tmp_path / "metadata.yaml").write_text("")
-    if find_spec("rosbag2_py") is not None:
-        pytest.skip("it is there")
+    monkeypatch.setattr("unc_physics.calibration.motions.find_spec", lambda name: None)
     with pytest.raises(UncPhysicsError, match="write a CSV file"):
         read_motions(tmp_path)
+
+
+class Bag:
+    """A reader of a rosbag with poses of two topics, and messages of another topic between them."""
+
+    topics: ClassVar = {
+        "/a": "geometry_msgs/msg/PoseStamped",
+        "/b": "nav_msgs/msg/Odometry",
+        "/c": "std_msgs/msg/Int8",
+    }
+
+    def open(self, storage, conversion):
+        assert storage.endswith("bag") and conversion == ("cdr", "cdr")
+        self.rows = [(name, k) for k in range(4) for name in ("/c", *self.topics)]
+
+    def get_all_topics_and_types(self):
+        return [SimpleNamespace(name=name, type=kind) for name, kind in self.topics.items()]
+
+    def has_next(self):
+        return bool(self.rows)
+
+    def read_next(self):
+        name, k = self.rows.pop(0)
+        frames = struct.pack("<xBxxiII4s", 1, 5, 250_000_000 * k, 4, b"map")
+        frames += struct.pack("<I4s", 4, b"box") if name == "/b" else b""
+        frames += bytes(-(len(frames) - 4) % 8)
+        return name, frames + struct.pack("<7d", k, *poses()[k][1:]), 0
+
+
+@pytest.mark.parametrize(
+    ("topics", "topic", "found"),
+    [
+        ("/a /b", "/b", "/b"),
+        ("/a /b", "/a", "/a"),
+        ("/b /c", None, "/b"),
+        ("/a /b", None, "topic must name one of the bag's topics with poses: /a, /b"),
+        ("/c", None, "topic must name one .*: none of geometry_msgs/msg/PoseStamped"),
+        ("/a /c", "/c", r"topic must be one of /a \(got '/c'\)"),
+    ],
+)
+def test_poses_of_one_topic_of_a_rosbag(tmp_path, monkeypatch, topics, topic, found):
+    module = SimpleNamespace(
+        SequentialReader=Bag, StorageOptions=lambda uri: uri, ConverterOptions=lambda *both: both
+    )
+    monkeypatch.setitem(sys.modules, "rosbag2_py", module)
+    monkeypatch.setattr("unc_physics.calibration.motions.find_spec", lambda name: module)
+    monkeypatch.setattr(Bag, "topics", {name: kind for name, kind in Bag.topics.items() if name in topics})
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    (folder / "metadata.yaml").write_text("")
+    if not found.startswith("/"):
+        with pytest.raises(UncPhysicsError, match=found):
+            read_motions(folder, topic=topic)
+        return
+    (motion,) = read_motions(folder, topic=topic)
+    assert motion.name == found
+    np.testing.assert_allclose(motion.times, 0.25 * np.arange(4))
+    np.testing.assert_allclose(motion.poses, np.c_[np.arange(4), poses(4)[:, 1:]])
 
 
 @pytest.mark.parametrize("kind", POSES)

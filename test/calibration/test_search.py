@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from throws import scene
 
 from unc_physics.calibration.adjustable import Model, adjustables, chosen, with_values
 from unc_physics.calibration.posterior import Posterior, prior_weight
 from unc_physics.calibration.search import Search
-from unc_physics.calibration.uncertainty import refine
+from unc_physics.calibration.uncertainty import _along, _least_in_box, _mixed, _std_from_increase, refine
 from unc_physics.checks.errors import DivergedError, LimitExceededError
 
 NAMES = ("friction", "restitution", "impact_point_std")
@@ -151,3 +152,67 @@ def test_all_values_within_bounds_fit_together(laws):
         model = with_values(MODEL._replace(scene=given), adjusted, values)
         assert model.scene.friction == pytest.approx(values["friction"])
         assert model.scene.friction_std == pytest.approx(min(values["friction_std"], values["friction"]))
+
+
+class Quadratic:
+    """Scores of motions that are quadratics of two values within bounds of 0 and 10."""
+
+    low, high = np.zeros(2), np.full(2, 10.0)
+    hessian = np.array([[3.0, 1.0], [1.0, 2.0]])
+
+    def __init__(self, least=(4.0, 5.0), motions=30):
+        self.least, errors = np.array(least), np.random.default_rng(0).standard_normal((motions, 2))
+        self.slopes = errors - errors.mean(axis=0)
+
+    def at(self, x):
+        d = x - self.least
+        return 7.0 + 0.5 * d @ self.hessian @ d + self.slopes @ d
+
+    def moved(self, x, k, by):
+        return np.clip(x + by * np.eye(2)[k], self.low, self.high)
+
+
+@pytest.mark.parametrize("place", [0.0, 0.1, 0.4, 1.0, 5.0, 9.2, 9.9, 10.0])
+def test_differences_of_a_quadratic_are_exact_beside_a_bound(place):
+    """On both sides, or twice on one side where the bound is closer than three tenths of a step."""
+    scores, step = Quadratic(), 0.8
+    for k in range(2):
+        x = np.array([6.0, 6.0])
+        x[k] = place
+        axis = _along(scores, x, scores.at(x), k, step)
+        assert axis.curvature == pytest.approx(np.full(30, scores.hessian[k, k]))
+        assert axis.slope == pytest.approx(scores.slopes[:, k] + scores.hessian[k] @ (x - scores.least))
+        points = sorted((axis.step, axis.opposite))
+        expected = {0.0: (0.8, 1.6), 0.1: (0.8, 1.6), 0.4: (-0.4, 0.8), 9.2: (-0.8, 0.8), 9.9: (-1.6, -0.8)}
+        assert points == pytest.approx(expected.get(place, (-1.6, -0.8) if place == 10.0 else (-0.8, 0.8)))
+    first, second = (_along(scores, x, scores.at(x), k, step) for k in range(2))
+    assert _mixed(scores, x, scores.at(x), (0, first), (1, second)) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("guess", [0.3, 1.0, 3.0])
+def test_a_standard_deviation_is_that_of_the_distance_to_a_clear_increase(guess):
+    """Of a quadratic it is known: the standard error of the slopes over the curvature."""
+    scores = Quadratic()
+    along = np.linalg.inv(scores.hessian)[:, 0] / np.linalg.inv(scores.hessian)[0, 0]
+    slopes = scores.slopes @ along
+    std = slopes.std(ddof=1) / np.sqrt(30.0) / (along @ scores.hessian @ along)
+    found = _std_from_increase(scores, scores.least, scores.at(scores.least), 0, along, guess * std)
+    assert found == pytest.approx(std)
+    near = Quadratic((0.5 * std, 5.0))  # the bound comes first on one side
+    found = _std_from_increase(near, near.least, near.at(near.least), 0, along, guess * std)
+    assert found == pytest.approx(0.5 * np.sqrt(0.5 * (0.5**2 + 2.0**2)) * std)
+
+
+def test_the_least_in_a_box_is_that_of_scipy():
+    rng = np.random.default_rng(0)
+    for size in (1, 2, 4):
+        for _ in range(5):
+            A, slope = rng.standard_normal((size, size + 2)), rng.standard_normal(size)
+            H, bounds = A @ A.T, np.sort(rng.uniform(-0.5, 0.5, (2, size)), axis=0) * [[1.0], [0.2]]
+            low, high = np.minimum(bounds[0], 0.0), np.maximum(bounds[1], 0.0)
+            right = minimize(
+                lambda d, H=H, g=slope: g @ d + 0.5 * d @ H @ d,
+                np.zeros(size),
+                bounds=[*zip(low, high, strict=True)],
+            )
+            assert _least_in_box(slope, H, low, high) == pytest.approx(right.x, abs=1e-4)
