@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from files import write_descriptions
+from scipy.spatial.transform import Rotation
 
 from unc_physics import (
     Belief,
@@ -41,11 +42,36 @@ def test_links_follow_the_joints(robot):
     np.testing.assert_allclose(motions["base"].positions, np.tile([1.0, 0, 0], (21, 1)), atol=1e-12)
 
 
+def test_the_robot_may_stand_turned_and_still(robot):
+    """At one time, all links stand; the base is turned by 0.7 about x."""
+    base = Rotation.from_euler("x", 0.7)
+    given = {"base_position": (1, 0, 0), "base_orientation": base.as_quat()}
+    motions = link_motions(robot, ["tip", "turn"], [0.5], [[0.1, 0.4]], **given)
+    knob = motions["visual_only"]
+    np.testing.assert_allclose(knob.times, [0.5, 0.501])
+    place = base.apply([0.3 * np.cos(0.4), 0.3 * np.sin(0.4), 0.55]) + [1, 0, 0]
+    np.testing.assert_allclose(knob.positions, [place, place], atol=1e-12)
+    turned = (base * Rotation.from_euler("z", 0.4)).as_quat()
+    np.testing.assert_allclose(knob.orientations, [turned, turned], atol=1e-12)
+
+
 def test_of_the_centre_of_mass(robot):
     turn = [[0.0], [np.pi / 2]]
     hand = link_motions(robot, ["turn"], [0.0, 1.0], turn, links=["hand"], period=None)["hand"]
     moved = of_com(hand, (-0.1, 0, -0.02)).positions
     np.testing.assert_allclose(moved, [[0.1, 0, 0.57], [0, 0.1, 0.57]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("joint", "moving"),
+    [(("tip", [[0.0], [1e-6]]), {"visual_only"}), (("turn", [[0.0], [1e-6]]), {"hand", "visual_only"})],
+)
+def test_a_link_that_slides_or_turns_a_little_is_not_fixed(robot, joint, moving):
+    name, positions = joint
+    found = load_robot_motion(robot, [name], [0.0, 1.0], positions, spheres=5)
+    assert {body.name for body in found.bodies if body.trajectory is not None} == moving
+    assert {body.name for body in found.bodies if body.fixed} == set(found.beliefs)
+    assert set(found.beliefs) | moving == {"base", "post", "hand", "visual_only"}
 
 
 @pytest.mark.parametrize(
@@ -55,11 +81,16 @@ def test_of_the_centre_of_mass(robot):
         (["turn"], [0.0, 0.0], [[0.0], [1.0]], "times must ascend"),
         (["turn"], [0.0, 1.0], [[0.0, 1.0]], "must have 2 rows, one for each time, and 1 columns"),
         (["turn"], [0.0], [[np.nan]], "finite|NaN"),
+        (["turn"], [-1.0, 0.0], [[0.0], [1.0]], "times must ascend from 0 or later"),
+        (["turn"], [], [], "times must be a list of times, at least one"),
+        (["turn"], [[0.0]], [[0.0]], "times must be a list of times"),
     ],
 )
 def test_bad_trajectories_get_one_sentence(robot, names, times, positions, said):
     with pytest.raises(UncPhysicsError, match=said):
         link_motions(robot, names, times, positions)
+    with pytest.raises(UncPhysicsError, match=r"links is no link of the robot \(got 'foot'\)"):
+        link_motions(robot, [], [0.0], [[]], links=["foot"])
 
 
 def test_a_robot_pushes_what_is_in_its_way(robot):
