@@ -8,7 +8,16 @@ from plain_scenes import run, state
 from scipy.spatial.transform import Rotation
 from tracked_scenes import NOISE, SIDE, begun, box, free_scene, pose, table_scene
 
-from unc_physics import Belief, ContactNoise, PoseMeasurement, RigidBody, Scene, TrackStatus, with_stiffness
+from unc_physics import (
+    Belief,
+    ContactNoise,
+    PoseMeasurement,
+    RigidBody,
+    Scene,
+    TrackStatus,
+    UncPhysicsError,
+    with_stiffness,
+)
 from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.propagators.start import move_out_of_overlap
 from unc_physics.tracking.answers import belief_at, members_at, statuses_at
@@ -165,12 +174,13 @@ def test_beliefs_have_the_moments_of_members_and_the_errors_of_shapes():
         box1={"position": (1.0, 0.0, 0.0)},
         box2={"position": (3.0, 0.0, 0.0)},
     )
-    free = Filter(state((9, 9, 9), (1, 0, 0)), correlated(STD), 0.0)
-    now = with_track(now, 1, mode=TrackMode.CARRIED, free=free, last_seen=0.0)._replace(
+    tracked, late = replace(tracked, origin=5.0), 0.4 / 240.0  # by a clock that was 5 s at the first step
+    free = Filter(state((9, 9, 9), (1, 0, 0)), correlated(STD), 5.0)
+    now = with_track(now, 1, mode=TrackMode.CARRIED, free=free, last_seen=5.0)._replace(
         contact_share=np.array([0.5, 0.7, 1.0])
     )
-    states, late = now.carry.states, 0.4 / 240.0
-    belief = belief_at(tracked, now, late)
+    states = now.carry.states
+    belief = belief_at(tracked, now, 5.0 + late)
     assert belief.mean[0, :6] == pytest.approx(
         np.r_[states[:, 0, :3].mean(0) + late * np.r_[1, 2, 3], 1, 2, 3]
     )
@@ -180,10 +190,10 @@ def test_beliefs_have_the_moments_of_members_and_the_errors_of_shapes():
     places = np.r_[:6, 24:30]
     shape = np.r_[np.full(3, 0.5), np.zeros(3), np.full(3, 1.0), np.zeros(3)] * 3.5e-4**2
     assert belief.covariance[np.ix_(places, places)] == pytest.approx(both + np.diag(shape), rel=1e-9)
-    own = free.at(late).covariance
+    own = free.at(5.0 + late).covariance
     assert belief.covariance[12:24, 12:24] == pytest.approx(own)
     assert not belief.covariance[12:24, 24:].any() and not belief.covariance[:12, 12:24].any()
-    drawn = members_at(tracked, now, late)
+    drawn = members_at(tracked, now, 5.0 + late)
     np.testing.assert_array_equal(drawn[:, [0, 2]], states[:, [0, 2]])
     assert np.cov(drawn[:, 1, :6].T) == pytest.approx(own[:6, :6], abs=1e-12)
 
@@ -199,8 +209,8 @@ def test_statuses_change_at_their_limits():
         (TrackStatus.TRACKED, {"rejected": 2, "last_seen": 0.76}),
         (TrackStatus.LOST, {"rejected": 3}),
         (TrackStatus.COASTING, {"last_seen": 0.74}),
-        (TrackStatus.TRACKED, {"spread": 0.49}),
-        (TrackStatus.LOST, {"spread": 0.51}),
+        (TrackStatus.TRACKED, {"spread": 0.499}),
+        (TrackStatus.LOST, {"spread": 0.501}),
         (TrackStatus.TRACKED, {"resting": 44}),
         (TrackStatus.RESTING, {"resting": 45, "last_seen": 0.0}),
         (
@@ -266,3 +276,39 @@ def test_a_body_starts_with_velocities_that_two_poses_show():
     forgotten = correct_state(tracked, later, period, seen, [])
     assert isinstance(forgotten, CorrectedState)
     assert forgotten.state.tracks[0].mode is TrackMode.PHYSICS
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_body_in_contact_is_seen_with_the_errors_of_its_shape(share):
+    """They count in the distance of a measurement from what is expected."""
+    tracked, now = begun(free_scene(), samples=64, box0={})
+    tracked = replace(tracked, noise=ContactNoise(shape_position=0.01))
+    seen = {"box0": PoseMeasurement(pose((0.004, 0.0, 0.0)), NOISE)}
+    found = correct_state(tracked, now._replace(contact_share=np.array([share])), 0.0, seen, [])
+    assert isinstance(found, CorrectedState)
+    variance = 0.003**2 + NOISE[0] ** 2 + share * 0.01**2
+    assert found.state.tracks[0].distance == pytest.approx(0.004 / np.sqrt(variance), rel=1e-3)
+
+
+def test_members_of_a_carried_body_are_drawn_where_its_filter_is():
+    """While there is no evidence that it is free; the measured pose alone tells where that is."""
+    tracked, now = begun(free_scene(), samples=64, box0={})
+    carried = with_track(now, 0, mode=TrackMode.CARRIED, free=Filter(state(), 1e-4 * np.eye(12), 0.0))
+    seen = {"box0": PoseMeasurement(pose((0.004, 0.0, 0.0)), NOISE)}
+    for evidence in (0.0, 10.0):
+        found = correct_state(tracked, with_track(carried, 0, evidence=evidence), 0.0, seen, [])
+        assert isinstance(found, CorrectedState) and found.rejected == ()
+        own = found.state.tracks[0]
+        assert own.mode is TrackMode.CARRIED
+        moved = found.state.carry.states[:, 0, 3:6].std(axis=0, ddof=1)
+        assert moved == pytest.approx(np.full(3, 0.05 if own.evidence else 0.01), rel=1e-6)
+
+
+def test_steps_are_simulated_in_pieces_until_a_member_diverges():
+    for dt, steps in ((1.0 / 240.0, 8), (1.0 / 30.0, 1), (0.02, 1), (0.05, 1)):
+        tracked, now = begun(replace(free_scene(), dt=dt), samples=8, box0={})
+        assert tracked.piece == steps and tracked.step(2.4 * dt) == 2
+        assert advanced(tracked, now, 3).carry.step == 3
+    now.carry.states[3, 0, 4] = np.nan
+    with pytest.raises(UncPhysicsError, match="tracker left the range of numbers"):
+        advanced(tracked, now, 4)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plain_scenes import state
 from scipy.spatial.transform import Rotation
-from tracked_scenes import NOISE, SIDE, angle, belief_of, bodies, box, free_scene, measured, pose, table_scene
+from tracked_scenes import NOISE, SIDE, belief_of, bodies, box, free_scene, measured, pose, table_scene
 
 from unc_physics import (
     AxialSymmetry,
@@ -223,17 +223,6 @@ def test_single_outliers_are_rejected_and_a_moved_body_is_found_again():
     assert [report.rejected for report in reports[:3]] == [("box0",)] * 2 + [()]
     assert np.linalg.norm(tracker.belief().mean[0, :3] - moved[:3]) < 3e-3
     assert reports[-1].status["box0"] is TrackStatus.RESTING
-
-
-def test_a_symmetric_body_is_folded_to_the_nearest_pose():
-    scene, rng = table_scene(), np.random.default_rng(10)
-    quarters = [Rotation.from_rotvec([0.0, 0.0, k * np.pi / 2]).as_quat() for k in range(1, 4)]
-    tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}), symmetries={"box0": quarters})
-    for k in range(1, 31):
-        turn = Rotation.from_rotvec([0.0, 0.0, rng.integers(4) * np.pi / 2]).as_quat()
-        report = tracker.correct(k / RATE, {"box0": measured(pose(RESTING[:3], turn), rng)})
-        assert report.rejected == ()
-        assert angle(tracker.belief().mean[0, 6:10], RESTING[3:]) < 0.05
 
 
 def test_ahead_and_fork_leave_the_tracker_as_it_is():
@@ -509,26 +498,6 @@ def test_a_can_is_followed_whatever_its_angle_about_its_axis():
     assert spins[-1] == pytest.approx(-0.3 / radius, rel=0.15)  # contact tells what no pose shows
 
 
-def test_a_can_that_tumbles_in_the_air_starts_from_poses_alone():
-    can, times = load_model("can"), np.arange(12) / RATE
-    scene = Scene.everyday([RigidBody("can", can, 0.3)], exact=True, environment=[Plane(name="table")])
-    truth = flight([0.0, 0.0, 1.5], [0.5, 0.0, 1.0], [3.0, 0.0, 0.0], times)
-    rng = np.random.default_rng(20)
-    known = UNKNOWN | {"position": truth[0, :3]}
-    tracker = Tracker(scene, belief_of(scene, can=known), symmetries={"can": AxialSymmetry([0, 0, 2])})
-    for time, x in zip(times, truth, strict=True):
-        roll = Rotation.from_rotvec([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
-        turned = (Rotation.from_quat(x[3:]) * roll).as_quat()
-        report = tracker.correct(time, {"can": measured(pose(x[:3], turned), rng)})
-        assert report.rejected == ()
-    assert report.status["can"] is TrackStatus.TRACKED
-    found = tracker.belief()
-    axes = [Rotation.from_quat(q).apply([0.0, 0.0, 1.0]) for q in (found.mean[0, 6:10], truth[-1, 3:])]
-    assert np.arccos(axes[0] @ axes[1]) < 0.05
-    # spin about x turns the axis, which poses show
-    assert found.mean[0, 10] == pytest.approx(3.0, abs=0.4)
-
-
 def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it():
     scene = table_scene(3, friction=0.3)
     row = [0.0, SIDE + 0.05, 2.0 * SIDE + 0.06]  # the middle one is hidden by the others
@@ -601,16 +570,3 @@ def test_every_pose_without_an_effect_is_reported_as_rejected(gap):
     assert listed == without
     assert 2 <= sum(without) <= 4
     assert report.distance["can"] < 5.0
-
-
-def test_the_variance_about_an_axis_of_symmetry_means_nothing():
-    can = load_model("can")
-    foot = -float(can.bounds[0, 2])
-    scene = Scene.everyday([RigidBody("can", can, 0.3)], exact=True, environment=[Plane(name="table")])
-    belief, rng = belief_of(scene, can={"position": [0.0, 0.0, foot]}), np.random.default_rng(23)
-    tracker = Tracker(scene, belief, symmetries={"can": AxialSymmetry()})
-    for k, turn in enumerate(rng.uniform(-np.pi, np.pi, 30), 1):  # all around
-        seen = Rotation.from_rotvec([0.0, 0.0, turn]).as_quat()
-        tracker.correct(k / RATE, {"can": measured(pose([0.0, 0.0, foot], seen), rng)})
-    assert tracker.belief().marginal(0)[8, 8] < 0.01**2
-    assert tracker.ahead(0.2)["can"].rotation_std[2] < 0.01
