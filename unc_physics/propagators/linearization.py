@@ -116,16 +116,12 @@ class Linearization(SimulatedRollouts, TwoSidedSlopes):
     def belief(self, carry, scene):
         if scene.integrator == "explicit":
             return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
-        forth, back = self.slopes(carry, scene)
+        forth, back = _slopes(carry, scene)
         slopes = 0.5 * (forth + back).reshape(len(forth), ERROR * len(scene.moving))
         return Belief.trusted(point_states(carry, scene)[0], _outer(slopes.T.copy()), scene.moving)
 
     def slopes(self, carry, scene):
-        if scene.integrator == "explicit":
-            return None
-        forth, back = opposite_points(point_states(carry, scene), scene.moving)
-        reach = carry.reach[:, None, None]
-        return forth / reach, -back / reach
+        return None if scene.integrator == "explicit" else _slopes(carry, scene)
 
     def most_rollouts(self, scene, belief):
         return most_points(scene, belief) if scene.integrator == "implicit" else 1
@@ -271,6 +267,13 @@ def _kick_root_by_element(method, x, i, e, world, work):
 
 
 @kernel
+def _slopes(carry, scene):
+    """Return the two sides' errors of the outcome, for one standard deviation along each direction."""
+    forth, back = opposite_points(point_states(carry, scene), scene.moving)
+    reach = carry.reach[:, None, None]
+    return forth / reach, -back / reach
+
+
 def _outer(root):
     """Return ``root @ root.T``, exactly symmetric."""
     size = len(root)

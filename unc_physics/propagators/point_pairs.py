@@ -56,7 +56,7 @@ def spread_points(scene: Scene, belief: Belief, root: np.ndarray, reach: np.ndar
 
 def most_points(scene: Scene, belief: Belief) -> int:
     """Return an upper bound of the number of points along the uncertain directions."""
-    rank = np.count_nonzero(np.einsum("mii->mi", belief.blocks))  # a direction without variance is none
+    rank = int(np.count_nonzero(np.einsum("mii->mi", belief.blocks)))  # a direction without variance is none
     return 2 * (rank + len(scene.uncertain)) + 1
 
 
