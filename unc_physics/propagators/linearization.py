@@ -266,7 +266,6 @@ def _kick_root_by_element(method, x, i, e, world, work):
         kick_column(root, row, c, (0.0, 0.0, 0.0), (torque, cross(d_lever, force), turn), world, R, i)
 
 
-@kernel
 def _slopes(carry, scene):
     """Return the two sides' errors of the outcome, for one standard deviation along each direction."""
     forth, back = opposite_points(point_states(carry, scene), scene.moving)
@@ -274,6 +273,7 @@ def _slopes(carry, scene):
     return forth / reach, -back / reach
 
 
+@kernel
 def _outer(root):
     """Return ``root @ root.T``, exactly symmetric."""
     size = len(root)
