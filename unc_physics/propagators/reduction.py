@@ -17,7 +17,7 @@ from ..scene.scene import Scene
 from ..spatial.layout import ERR_POSITION, ERR_VELOCITY, ERROR, P, V
 from .free_flight import Course
 
-_NEGLIGIBLE = 1e-9  # singular values, relative to the largest, of combinations that change nothing
+_NEGLIGIBLE = 1e-13  # singular values that are round-off, relative to the largest entry of the root
 
 
 def symmetric(scene: Scene) -> bool:

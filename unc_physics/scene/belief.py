@@ -31,8 +31,9 @@ from ..spatial.rotation import rotation_matrix
 from .body_belief import BodyBelief
 from .scene import Scene
 
-#: Relative variance below which a direction counts as certain.
+#: Variance below which a direction counts as certain, over the largest variance of its scale.
 RANK_TOLERANCE = 1e-14
+_ROUND_OFF = 1e-10  # share of a coordinate's own variance that a factor of larger scale leaves by round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,8 +245,23 @@ class Belief:
         return self.blocks[place[0]] if len(place) else np.zeros((ERROR, ERROR))
 
     def root(self) -> np.ndarray:
-        """Return a pivoted Cholesky factor (12 M, r) of the joint covariance; r is its rank."""
-        return pivoted_cholesky(self.joint.copy(), RANK_TOLERANCE)[0]
+        """Return a pivoted Cholesky factor (12 M, r) of the joint covariance; r is its rank.
+
+        Variances may have several scales, as of millimetres beside an unknown height. Smaller ones are
+        factored after the others, from the rest that these leave.
+        """
+        variance = self.joint.diagonal()
+        # turning a direction without variance leaves a square of round-off
+        least = np.maximum(_ROUND_OFF * variance, RANK_TOLERANCE**2 * variance.max(initial=0.0))
+        columns, rest = pivoted_cholesky(self.joint.copy(), RANK_TOLERANCE)
+        while (left := rest.diagonal() > least).any():
+            some = np.ix_(left, left)
+            own, own_rest = pivoted_cholesky(rest[some], RANK_TOLERANCE)
+            wide = np.zeros((len(rest), own.shape[1]))
+            wide[left] = own
+            columns, rest = np.concatenate([columns, wide], axis=1), np.zeros_like(rest)
+            rest[some] = own_rest
+        return columns
 
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw states (count, B, 13) from the belief; the first k are the same for every larger count."""
