@@ -67,7 +67,7 @@ class Auto(Cloud, Anytime):
 
     def additional_rollouts(self, carry, scene, spent):
         count, start = len(carry.states), clock()
-        if count >= self.runs or diverged(carry.states) or settled(self._runs(carry), scene):
+        if count >= self.runs or diverged(carry.states):
             return 0
         if 0.0 < self.time <= spent.time:
             return 0
@@ -87,30 +87,30 @@ class Auto(Cloud, Anytime):
         return scene.integrator == "implicit" and not limited and not settled(self._runs(carry), scene)
 
     def measures(self, carry, scene):
-        missed = self._excess(carry, scene)
-        if not settled(self._runs(carry), scene):
-            missed = np.maximum(missed, FIRST_RUNS / len(carry.states))
-        return super().measures(carry, scene) | {"missed_goal": missed}
+        return super().measures(carry, scene) | {"missed_goal": self._excess(carry, scene)}
 
     def _excess(self, carry, scene):
-        """Return the largest error of each body over its limit (B,)."""
+        """Return the largest error of each body over its limit (B,), above 1 for fewer than 32 rollouts."""
+        result = np.zeros(len(carry.mean))
+        if settled(self._runs(carry), scene):
+            return result
         of_rotations = self.standard_errors if self.rotation_error > 0.0 else self._straight_errors
         errors = of_rotations(carry, scene)
         limits = self.error, self.spread_error, self.position_error, self.rotation_error
         measured = errors.relative, errors.spread, errors.position, errors.rotation
-        result = np.zeros(len(carry.mean))
         for limit, error in zip(limits, measured, strict=True):
             if limit > 0.0:
                 result = np.maximum(result, error / limit)
-        return result
+        return np.maximum(result, FIRST_RUNS / len(carry.states))
 
     def _wanted(self, carry, scene, spent):
         """Return the estimated number of additional rollouts that meet all limits; all without limits."""
         asked = self.probability_error > 0.0 and len(spent.probability_errors) > 0
-        if not (self.error or self.position_error or self.rotation_error or asked):
+        limited = self.error or self.position_error or self.rotation_error or asked
+        if not (limited or settled(self._runs(carry), scene)):
             return self.runs
         excess = float(self._excess(carry, scene).max(initial=0.0))
-        if asked:
+        if asked:  # events are counted in rollouts, also where the moments are known
             excess = max(excess, float(spent.probability_errors.max()) / self.probability_error)
         if spent.rare is not None and self.spread_error > 0.0 and spent.rare > _RARE:
             excess = max(excess, 2.0)  # more rollouts either contain rare outcomes or refute them
