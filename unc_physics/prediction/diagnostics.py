@@ -375,6 +375,7 @@ def spread_disagreement(evidence):
 def slope_change(evidence):
     """Difference of the slopes of position or rotation on either side of the mean, over the slopes' mean,
     whichever is larger. Slopes along all uncertain directions are compared together, by standard deviation.
+    Slopes that the accuracy of contacts makes do not count.
     For ``linearization`` on the implicit integrator.
     """
     return None if evidence.slope_changes is None else evidence.slope_changes.max(axis=1)

@@ -115,11 +115,13 @@ class Evidence:
             slopes = self.propagator.slopes(self.snapshot.carry, scene)
         if slopes is None:
             return None
+        *sides, reach = slopes
         result = np.zeros((len(scene.bodies), 2))
         for k, body in enumerate(scene.moving):
-            floors = spread_floors(self.start, body)
+            # the accuracy of an outcome, as a slope
+            floors = spread_floors(self.start, body) / reach.min(initial=1.0)
             for c, (block, floor) in enumerate(zip((ERR_POSITION, ERR_ROTATION), floors, strict=True)):
-                forth, back = (side[:, k, block] for side in slopes)
+                forth, back = (side[:, k, block] for side in sides)
                 mean = np.hypot(np.linalg.norm(0.5 * (forth + back)), floor)
                 result[body, c] = np.linalg.norm(forth - back) / mean
         return result

@@ -137,7 +137,8 @@ class StandardErrors(NamedTuple):
     #: position, rotation: (B,): of the mean [m], [rad]
     position: np.ndarray
     rotation: np.ndarray
-    #: (B,): the larger of both, over the standard deviation; as if rotations did not wrap around
+    #: (B,): the larger of both, over the standard deviation, or over the accuracy of contacts if that is
+    #: larger; as if rotations did not wrap around
     relative: np.ndarray
     #: position_spread, rotation_spread: (B,): of the standard deviation, over it
     position_spread: np.ndarray
@@ -257,10 +258,11 @@ class TwoSidedSlopes(ABC):
     """Capability: the covariance is that of slopes, which are known on both sides of the mean."""
 
     @abstractmethod
-    def slopes(self, carry: Any, scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
+    def slopes(self, carry: Any, scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Return the slopes of the outcome along n directions, on either side of the mean.
 
-        Both are errors (n, M, 12) by standard deviation of the belief. None where they are not known.
+        Both are errors (n, M, 12) by standard deviation of the belief. The third array (n,) is the distance
+        from the mean over which they are taken, in standard deviations. None where they are not known.
         """
 
 

@@ -116,7 +116,7 @@ class Linearization(SimulatedRollouts, TwoSidedSlopes):
     def belief(self, carry, scene):
         if scene.integrator == "explicit":
             return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
-        forth, back = _slopes(carry, scene)
+        forth, back, _ = _slopes(carry, scene)
         slopes = 0.5 * (forth + back).reshape(len(forth), ERROR * len(scene.moving))
         return Belief.trusted(point_states(carry, scene)[0], _outer(slopes.T.copy()), scene.moving)
 
@@ -267,10 +267,10 @@ def _kick_root_by_element(method, x, i, e, world, work):
 
 
 def _slopes(carry, scene):
-    """Return the two sides' errors of the outcome, for one standard deviation along each direction."""
+    """Return the two sides' errors of the outcome by standard deviation, and the reach of the differences."""
     forth, back = opposite_points(point_states(carry, scene), scene.moving)
     reach = carry.reach[:, None, None]
-    return forth / reach, -back / reach
+    return forth / reach, -back / reach, carry.reach
 
 
 @kernel
