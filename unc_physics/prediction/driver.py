@@ -289,24 +289,29 @@ class _Propagation:
 def _snapshots_of(propagator, scene, carries):
     """Return the snapshots of carries (mark, carry) of one propagator, which ascend.
 
-    They are made from the last one backwards. While all bodies sleep, times share the later snapshot.
+    They are made from the last one backwards. While all bodies stay where they are, times share the later
+    snapshot.
     """
     if carries:
         propagator.share_caches([carry for _, carry in carries])
     found: list[Snapshot] = []
     for mark, carry in reversed(carries):
-        if found and not scene.acts and _unchanged(carry, found[-1].carry):
+        if found and not scene.acts and _unchanged(propagator, scene, carry, found[-1]):
             found.append(found[-1].at_time(mark.time))
         else:
             found.append(snapshot(propagator, scene, carry, mark))
     return found[::-1]
 
 
-def _unchanged(carry, later):
-    """Return whether all rollouts of a carry equal those of a later one, with the same first contacts."""
-    own, other = carry.contact_history, later.contact_history
+def _unchanged(propagator, scene, carry, later):
+    """Return whether all rollouts of a carry equal those of a later snapshot, with the same first contacts.
+
+    States of a carry may equal later ones although the rollouts move, in a motion that is not simulated.
+    """
+    own, other = carry.contact_history, later.carry.contact_history
     return (
-        np.array_equal(carry.states, later.states)
+        np.array_equal(carry.states, later.carry.states)
+        and np.array_equal(propagator.rollout_states(carry, scene), later.rollout_states)
         and np.array_equal(own.first_time, other.first_time)
         and (own.solver is None or np.array_equal(own.solver.residual, other.solver.residual))
     )

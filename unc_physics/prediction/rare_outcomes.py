@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..propagators.balanced_monte_carlo import WIDE
+from ..propagators.emission import SPREAD_FLOORS
 from ..propagators.sobol import quantile
 from ..scene.belief import Belief
 from ..scene.scene import Scene
@@ -18,8 +19,6 @@ WIDE_ROLLOUTS = 24
 #: Factor on a standard deviation from which on rare outcomes count.
 MATTER = 1.4
 _FAR = 8.0  # standard deviations; wide rollouts of a linear response stay below
-#: Least spreads [m], [rad], as contacts are as soft.
-_SPREAD_FLOORS = 5e-5, 1e-3
 
 
 def tail_factors(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
@@ -28,7 +27,7 @@ def tail_factors(scene: Scene, belief: Belief, wide: np.ndarray) -> np.ndarray:
     ``wide`` (R, B, 13) are states at the same time, of rollouts that began with `balanced_monte_carlo.WIDE`
     times the spread.
     """
-    spreads = np.maximum(pose_spreads(belief.blocks), _SPREAD_FLOORS)
+    spreads = np.maximum(pose_spreads(belief.blocks), SPREAD_FLOORS)
     result = np.ones((len(scene.bodies), 2))
     for k, body in enumerate(scene.moving.tolist()):
         states, mean = wide[:, body], belief.mean[body]

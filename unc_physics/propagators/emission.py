@@ -25,10 +25,18 @@ from .overlap_depths import overlaps
 from .reduction import Reduction, common_covariance, moved_in_common, reduction
 from .response_surface import ResponseSurface, active_directions, fit, smoother, solve, surface_moments
 
-#: Blocks of the outcome that are clipped, each with the block that shares the factor; and weights of blocks,
-#: with whether they are measured in radii.
+#: Spreads below the compliance of contacts [m], [rad]: outcomes and standard errors are not resolved below.
+SPREAD_FLOORS = 5e-5, 1e-3
+#: Blocks of the outcome that are clipped, each with the block that shares the factor.
 _CLIPPED = (EP, EV), (ER, EW)
-_WEIGHTS = (EP, 1.0, True), (EV, 0.5, True), (ER, 1.0, False), (EW, 0.5, False)
+#: Weights of blocks, whether spreads are measured in radii, and the least spread. Bodies at rest on contacts
+#: move by up to 0.5 mm/s and 10 mrad/s.
+_WEIGHTS = (
+    (EP, 1.0, True, SPREAD_FLOORS[0]),
+    (EV, 0.5, True, 5e-4),
+    (ER, 1.0, False, SPREAD_FLOORS[1]),
+    (EW, 0.5, False, 1e-2),
+)
 #: Standard deviations below which a block of an outcome is constant: of the body's radius, or rad.
 _CONSTANT = 1e-6
 _DIVERGED = 1e100
@@ -37,6 +45,7 @@ _RANK = 1e-12  # relative variances that count as 0
 _WIDEST = 2.0  # largest factor on columns of a covariance
 #: Error over variance above which there is no surface.
 NO_SURFACE = 1.0
+_EXACT = 0.01  # error over variance below which samples may leave the neighbourhood of rollouts
 
 
 class Group(NamedTuple):
@@ -190,7 +199,7 @@ def belief_of(runs: Runs, scene: Scene) -> Belief:
             ended = _propagate_flights(runs, scene, group, _points_of(runs, group))
             own, errors = mean_and_errors(ended, np.arange(len(bodies)))
             covariance, along = second_moment(errors), (errors, np.zeros((len(runs.states), errors.shape[1])))
-        elif _spread(runs, scene, group):
+        elif _is_uncertain(scene, group):
             found = _moments(runs, scene, group, ends)
             own = spread_states(found.mean, np.arange(len(bodies)), found.shift[None])[0]
             covariance, along = found.covariance, _along(runs, scene, found) if joint else _UNCORRELATED
@@ -268,7 +277,7 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
     for group in _groups(runs, scene):
         if group.flew:
             states[:, group.bodies] = _propagate_flights(runs, scene, group, z[:, group.columns])
-        elif _spread(runs, scene, group):
+        elif _is_uncertain(scene, group):
             found = _moments(runs, scene, group, ends)
             states[:, group.bodies], own = _sampled(runs, scene, found, z)
             near[:, group.bodies] = own[:, None]
@@ -332,17 +341,22 @@ def moments(runs: Runs, scene: Scene) -> Iterator[Moments]:
     """Yield the `Moments` of each group whose rollouts differ, except bodies in free flight."""
     ends = _model_centers(runs, scene)
     for group in _groups(runs, scene):
-        if not group.flew and _spread(runs, scene, group):
+        if not group.flew and _rollouts_differ(runs, scene, group):
             yield _moments(runs, scene, group, ends)
 
 
 def settled(runs: Runs, scene: Scene) -> bool:
     """Return whether everything is known in closed form, so that more rollouts would change nothing."""
-    return all(group.flew or not _spread(runs, scene, group) for group in _groups(runs, scene))
+    return all(group.flew or not _rollouts_differ(runs, scene, group) for group in _groups(runs, scene))
 
 
-def _spread(runs, scene, group):
-    """Return whether the rollouts of a group differ."""
+def _is_uncertain(scene, group):
+    """Return whether a group has several outcomes; these may differ in the common motion alone."""
+    return len(group.columns) > 0 or scene.draws_impacts
+
+
+def _rollouts_differ(runs, scene, group):
+    """Return whether the rollouts of a group, which lack the common motion, have several outcomes."""
     return bool(runs.z[:, group.columns].any()) or scene.draws_impacts
 
 
@@ -493,10 +507,13 @@ def _fit(runs, scene, group, reduced, scaled):
 
 @kernel
 def _weights(errors, radius):
-    """Return factors (12 m,) that scale each block of outcomes (N, 12 m) by its spread; 0 for constants."""
+    """Return factors (12 m,) that scale each block of outcomes (N, 12 m) by its spread; 0 for constants.
+
+    Spreads as small as those of bodies at rest on their contacts have no surface, and count less.
+    """
     weights = zeros(errors.shape[1])
     for body in range(len(radius)):
-        for begin, weight, in_radii in _WEIGHTS:
+        for begin, weight, in_radii, floor in _WEIGHTS:
             first, total = ERROR * body + begin, 0.0
             for n in range(len(errors)):
                 for c in range(first, first + 3):
@@ -504,7 +521,7 @@ def _weights(errors, radius):
             spread = math.sqrt(total / len(errors))
             if spread > _CONSTANT * (radius[body] if in_radii else 1.0):
                 for c in range(first, first + 3):
-                    weights[c] = weight / spread
+                    weights[c] = weight / max(spread, floor)
     return weights
 
 
@@ -525,7 +542,9 @@ def _sampled(runs, scene, found, z):
         at, near = smoother(fitted.surface, columns, np.einsum("sr,rk->sk", own, fitted.transform))
         here = smoother(fitted.surface, columns, fitted.x)[0]
         changes = np.einsum("sn,nk->sk", at - here[near], errors[:count])
-        made, changed = errors[near] + _changes(changes, errors, near), near
+        if found.error > _EXACT:
+            changes = _changes(changes, errors, near)
+        made, changed = errors[near] + changes, near
         wanted = found.covariance.diagonal().reshape(-1, 3).sum(axis=1)
         varied = variances(made).reshape(-1, 3).sum(axis=1)
         share = np.divide(wanted, varied, out=np.ones_like(wanted), where=varied > 0.0)

@@ -8,13 +8,11 @@ from ..scene.scene import Scene
 from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, QUATERNION
 from ..spatial.moments import mean_and_errors, spread_states
 from .base import StandardErrors
-from .emission import Moments, Runs, moments
+from .emission import SPREAD_FLOORS, Moments, Runs, moments
 
 #: Standard deviation of a rotation [rad] above which rotation vectors wrap around, which makes its mean less
 #: certain; and the number of groups of a jackknife that then estimates the standard error.
 _WIDE, _PARTS = 1.0, 8
-#: Spreads below the compliance of contacts [m], [rad]: standard errors are not resolved below them.
-_SPREAD_FLOORS = 5e-5, 1e-3
 
 
 def surface_errors(runs: Runs, scene: Scene) -> np.ndarray:
@@ -41,13 +39,13 @@ def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
         own = found.errors.reshape(number, -1, ERROR)
         left = found.left_out.reshape(len(found.left_out), -1, ERROR)
         for block, mean, spread, nothing in zip(
-            (ERR_POSITION, ERR_ROTATION), of_mean, of_spread, _SPREAD_FLOORS, strict=True
+            (ERR_POSITION, ERR_ROTATION), of_mean, of_spread, SPREAD_FLOORS, strict=True
         ):
             squares = (own[:, :, block] ** 2).sum(axis=2)
             variance = squares.mean(axis=0)
             rest = (left[:, :, block] ** 2).sum(axis=2).mean(axis=0)
             mean[bodies] = np.sqrt(np.minimum(rest, variance) / number)
-            share = np.divide(mean[bodies], np.sqrt(variance), out=np.zeros_like(rest), where=variance > 0.0)
+            share = mean[bodies] / np.maximum(np.sqrt(variance), nothing)
             errors.relative[bodies] = np.maximum(errors.relative[bodies], share)
             unknown = squares - variance
             if found.has_surface:
