@@ -2,6 +2,7 @@
 
 ``python docs/pictures.py`` (``make pictures``) makes those anew whose sources changed, which takes hours
 where experiments of the evaluation are among them; ``--check`` says which these are, and NAMEs choose some.
+``--results EXPERIMENT DIR`` publishes the tables and figures of a finished run.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ from typing import NamedTuple
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-IMAGES = ROOT / "docs" / "images"
+IMAGES, RESULTS = ROOT / "docs" / "images", ROOT / "docs" / "results"
 STAMPS = IMAGES / "made_from.json"
 EVALUATION = "evaluation/unc_physics_evaluation"
+#: Figures of the paper's kind.
+PAPER = (*(f"figure_{n}" for n in (2, 3, 4, 5, 6, 8)), "figure_7_position", "figure_7_rotation", "k_sigma")
 SAMPLED = ("--propagator", "monte_carlo", "--samples", "200")
 
 
@@ -117,9 +120,8 @@ def pictures() -> dict[str, Picture]:
         "tracking.png": Picture(
             ("docs.plot_tracking", "OUT"), ("docs/plot_tracking.py", f"{EVALUATION}/tracked_tosses.py")
         ),
-        "results/collisions.png": results("collisions"),
         "results/reality_coverage.png": results("reality_coverage"),
-        "results/collisions_time.png": results("collisions_time"),
+        **{f"paper/{figure}.png": experiment("paper", figure, "paper_figures") for figure in PAPER},
         "calibration.png": experiment("calibration", "calibration"),
         "evaluation/orders.png": experiment("orders", "orders", "order_plots"),
         "evaluation/speed_against_error_cpu_time.png": experiment(
@@ -175,10 +177,26 @@ def make(name: str, folders: dict[tuple[str, ...], Path]) -> None:
     STAMPS.write_text(json.dumps(dict(sorted((stamps() | {name: stamp(picture)}).items())), indent=1) + "\n")
 
 
+def copy_tables(name: str, folder: Path) -> None:
+    """Copy the tables of an experiment that the results show."""
+    for path in (*folder.glob("*.csv"), *folder.glob("tables/*.csv")):
+        rows = path == folder / f"{name}.csv"
+        if not rows and (RESULTS / path.name).exists():
+            shutil.copy(path, RESULTS / path.name)
+
+
 def main(arguments=None) -> int:
     """Make pictures, or say which are old; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME", help="pictures, as scenes/two_bunnies.png")
+    parser.add_argument(
+        "--results",
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("EXPERIMENT", "DIR"),
+        help="take the tables and figures of an experiment from its finished results",
+    )
     parser.add_argument("--check", action="store_true", help="say which are old, and make none")
     options = parser.parse_args(arguments)
     if unknown := [name for name in options.names if name not in pictures()]:
@@ -187,7 +205,11 @@ def main(arguments=None) -> int:
     if options.check:
         print("\n".join(found) or "All pictures are as their sources.")
         return bool(found)
-    folders: dict[tuple[str, ...], Path] = {}
+    folders = {("unc_physics", "evaluate", name, "-o", "OUT"): Path(path) for name, path in options.results}
+    for (*_, experiment_name, _, _), folder in folders.items():
+        copy_tables(experiment_name, folder)
+    if folders:
+        found = [name for name, picture in pictures().items() if picture.command in folders]
     for name in options.names or found:
         print(name, flush=True)
         make(name, folders)

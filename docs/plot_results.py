@@ -10,23 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from unc_physics_evaluation.methods import FLOOR, LOOKS, MONTE_CARLO, OURS
+from unc_physics_evaluation.methods import LOOKS, OURS
 
 RESULTS = Path(__file__).parent / "results"
-LINES = {
-    "sigma points": "sigma_points",
-    "linearization": "linearization",
-    "MC-10": MONTE_CARLO,
-    "floor": FLOOR,
-}
-FIGURES = {
-    "collisions": (
-        "sigma [m]",
-        "uncertainty of initial positions [m]",
-        ("W1 position [m]", "W1 rotation [deg]"),
-    ),
-    "collisions_time": ("spheres", "spheres of each body", ("CPU time [ms]",)),
-}
 COVERAGE = "reality_coverage"
 SETS = "cube tosses, 60", "household cube, 11"
 TIMES = "0.1 s", "0.2 s", "0.4 s", "rest"
@@ -81,43 +67,13 @@ def draw_coverage(path: Path) -> None:
     figure.savefig(path, dpi=120, metadata={"Software": None})
 
 
-def draw(name: str, path: Path) -> None:
-    """Draw one quantity a row and one model a column, with at most four lines a panel."""
-    from matplotlib.figure import Figure
-
-    abscissa, label, quantities = FIGURES[name]
-    rows = read(name)
-    models = list(dict.fromkeys(row["model"] for row in rows))
-    methods = [method for method in LINES if any(row["method"] == method for row in rows)]
-    figure = Figure(figsize=(9.0, 2.4 * len(quantities) + 0.8), layout="constrained")
-    panels = figure.subplots(len(quantities), len(models), squeeze=False, sharex=True, sharey="row")
-    for i, quantity in enumerate(quantities):
-        panels[i, 0].set_ylabel(quantity)
-        for panel, model in zip(panels[i], models, strict=True):
-            for method in methods:
-                chosen = [row for row in rows if row["method"] == method and row["model"] == model]
-                look = LOOKS[LINES[method]]
-                x, y = ([float(row[key]) for row in chosen] for key in (abscissa, quantity))
-                panel.loglog(x, y, look.line, marker=look.marker, color=look.color, label=method)
-            panel.grid(alpha=0.3)
-    for panel, model in zip(panels[0], models, strict=True):
-        panel.set_title(model)
-    for panel in panels[-1]:
-        panel.set_xlabel(label)
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(methods))
-    figure.savefig(path, dpi=120, metadata={"Software": None})
-
-
 def main(arguments=None) -> int:
     """Draw the figure that the arguments name."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("name", choices=(*FIGURES, COVERAGE))
+    parser.add_argument("name", choices=(COVERAGE,))
     parser.add_argument("path", type=Path, metavar="OUT.png")
     options = parser.parse_args(arguments)
-    if options.name == COVERAGE:
-        draw_coverage(options.path)
-    else:
-        draw(options.name, options.path)
+    draw_coverage(options.path)
     return 0
 
 

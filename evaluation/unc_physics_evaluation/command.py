@@ -30,7 +30,7 @@ def add_evaluate_command(commands) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="a look in two minutes, once the kernels are compiled, in place of results in an hour",
+        help="a look in ten minutes, once the kernels are compiled, in place of results in hours",
     )
     parser.add_argument(
         "-o",
@@ -55,6 +55,14 @@ def add_evaluate_command(commands) -> None:
         help="folder of recorded motions that reality predicts, in place of those of this package",
     )
     parser.add_argument(
+        "--method",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="registered propagator, as 'NAME KEY=VALUE ...' with options, in the tables and figures of the"
+        " experiment paper; may be repeated",
+    )
+    parser.add_argument(
         "--report", action="store_true", help="run nothing, write the report from the rows that are there"
     )
     parser.set_defaults(run=run)
@@ -66,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from .experiments import DEFAULT, NAMES, experiment
     from .jobs import Settings
+    from .methods import method_of, text_of
     from .report import verdicts, write_report
     from .results import Results
     from .runner import run_jobs
@@ -80,7 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = [experiment(name) for name in dict.fromkeys(arguments.experiments or DEFAULT)]
     meshes = arguments.meshes and str(Path(arguments.meshes).resolve())
     data = arguments.data and str(Path(arguments.data).resolve())
-    settings = Settings(arguments.quick, arguments.seed, meshes, data)
+    if arguments.method and "paper" not in (arguments.experiments or DEFAULT):
+        raise InvalidOptionError("goes with the experiment paper only", field="--method")
+    added = tuple(text_of(method_of(text)) for text in arguments.method)
+    settings = Settings(arguments.quick, arguments.seed, meshes, data, added)
     jobs = [job for module in chosen for job in module.jobs(settings)]
     gaps = [gap for module in chosen if hasattr(module, "missing") for gap in module.missing(settings)]
     gaps = list(dict.fromkeys(gaps))

@@ -8,19 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from unc_physics.prediction.predict import predict
+from unc_physics.propagators.base import Propagator
 from unc_physics.propagators.base import Samples as HasSamples
 from unc_physics.propagators.registry import make_propagator
 from unc_physics.scene.belief import Belief
 
 from .jobs import Job, Row
-from .methods import FLOOR, GAUSSIAN, MONTE_CARLO, methods
-from .timing import paired
-from .wasserstein import state_distance
+from .methods import FLOOR, GAUSSIAN, MONTE_CARLO
+from .wasserstein import RegularisedDistance, state_distance
 
 REPLICATES = 10  # of Monte Carlo with few samples
 
 POSITION_ERROR, ROTATION_ERROR = ERRORS = "w1_position", "w1_rotation"
-CPU_TIME, TIME_RATIO, WALL_TIME = "cpu_time", "cpu_time_over_mc10", "wall_time"
+#: The paper's metric (`wasserstein.RegularisedDistance`).
+REGULARISED = tuple(f"{error}_regularised" for error in ERRORS)
+CPU_TIME, WALL_TIME = "cpu_time", "wall_time"
 
 
 def rollout_cost(spheres: int) -> float:
@@ -34,7 +36,7 @@ def distance_cost(size: int) -> float:
 
 
 class Samples(NamedTuple):
-    """Samples of Return Monte Carlo's prediction.
+    """Monte Carlo's prediction.
 
     Attributes
     ----------
@@ -70,6 +72,7 @@ def error_rows(
     second: Samples,
     predictions: Mapping[tuple[str, int | None], Belief | np.ndarray],
     counts: Sequence[int],
+    regularised: bool = False,
 ) -> list[Row]:
     """Return W1 from a reference to predictions, Monte Carlo, the best Gaussian, and another reference.
 
@@ -84,17 +87,22 @@ def error_rows(
         they are.
     counts : sequence of int
         Numbers of samples of Monte Carlo; they are taken from ``second``.
+    regularised : bool
+        Whether to add the paper's metric.
 
     Notes
     -----
     Monte Carlo with n samples is n independent rollouts, so any n samples of ``second`` are such a run.
     """
     rows = []
+    metrics = {ERRORS: lambda states: state_distance(states, truth.states)}
+    if regularised:
+        metrics[REGULARISED] = RegularisedDistance(truth.states).to
 
     def compare(method, states, samples=None, replicate=0, seed=None):
-        distance = state_distance(states, truth.states)
-        for quantity, unit, values in zip(ERRORS, ("m", "deg"), distance, strict=True):
-            rows.append(Row(method, quantity, unit, float(np.mean(values)), samples, replicate, seed))
+        for names, metric in metrics.items():
+            for quantity, unit, values in zip(names, ("m", "deg"), metric(states), strict=True):
+                rows.append(Row(method, quantity, unit, float(np.mean(values)), samples, replicate, seed))
 
     compare(FLOOR, second.states, seed=second.seed)
     for (method, runs), predicted in {(GAUSSIAN, None): truth.belief, **predictions}.items():
@@ -110,41 +118,31 @@ def error_rows(
 
 
 def predicted(
-    scene, belief, horizon, job: Job, grown: Sequence[int] = ()
+    scene, belief, horizon, propagators: Mapping[tuple[str, int | None], Propagator]
 ) -> dict[tuple[str, int | None], Belief | np.ndarray]:
-    """Return the prediction of every method (`methods`): its samples if it has any, otherwise its belief."""
+    """Return the prediction of every propagator: its samples if it has any, otherwise its belief."""
     answers = {}
-    for key, propagator in methods(job, grown).items():
+    for key, propagator in propagators.items():
         prediction = predict(scene, belief, propagator, horizon)
         answers[key] = prediction.samples() if isinstance(propagator, HasSamples) else prediction.belief
     return answers
 
 
 def predictors(
-    scene, belief, horizon, job: Job, counts: Sequence[int], grown: Sequence[int] = ()
+    scene,
+    belief,
+    horizon,
+    job: Job,
+    counts: Sequence[int],
+    propagators: Mapping[tuple[str, int | None], Propagator],
 ) -> dict[tuple[str, int | None], Callable]:
-    """Return a function of the round for every method (`methods`) and for Monte Carlo with each count."""
+    """Return a function of the round for Monte Carlo with each count and for every propagator."""
     functions = {
         (MONTE_CARLO, count): lambda k, count=count: monte_carlo(
             scene, belief, horizon, count, job.seed(f"round {k}")
         )
         for count in counts
     }
-    for key, propagator in methods(job, grown).items():
+    for key, propagator in propagators.items():
         functions[key] = lambda k, propagator=propagator: predict(scene, belief, propagator, horizon)
     return functions
-
-
-def time_rows(functions: Mapping[tuple[str, int | None], Callable], rounds: int) -> list[Row]:
-    """Return CPU times of predictions on one thread, and their ratios to Monte Carlo with ten samples."""
-    times = paired(functions, rounds)
-    reference = times[MONTE_CARLO, 10]
-    return [
-        row
-        for (method, samples), taken in times.items()
-        for k in range(rounds)
-        for row in (
-            Row(method, CPU_TIME, "s", float(taken[k]), samples, k),
-            Row(method, TIME_RATIO, "1", float(taken[k] / reference[k]), samples, k),
-        )
-    ]

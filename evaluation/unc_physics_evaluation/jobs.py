@@ -83,19 +83,22 @@ class Settings:
     Attributes
     ----------
     quick : bool
-        Whether to run a reduced sweep of two minutes.
+        Whether to run a reduced sweep of minutes.
     seed : int
         Sweeps with different seeds are independent.
     meshes : str, optional
         Folder of meshes that are not in the repository.
     data : str, optional
         Folder of recorded motions instead of the package's (`recorded_sets`).
+    methods : tuple of str
+        Propagators that the experiment on the paper compares, too (`methods.method_of`).
     """
 
     quick: bool = False
     seed: int = 0
     meshes: str | None = None
     data: str | None = None
+    methods: tuple[str, ...] = ()
 
     def parameters(self, **parameters) -> dict:
         """Return a job's parameters, including those that all jobs share."""

@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 from unc_physics.propagators.base import Anytime, Propagator
 from unc_physics.propagators.names import REFERENCE as MONTE_CARLO
-from unc_physics.propagators.registry import PROPAGATORS, make_propagator
+from unc_physics.propagators.registry import PROPAGATORS, make_propagator, propagator_from_texts
 
 from .jobs import Job
 
 FLOOR, GAUSSIAN, MARGINAL, STILL = "floor", "gaussian", "marginal", "still"
 OURS = "ours"
-#: Propagators with other options than their own: the paper's sigma points go in all directions.
-VARIANTS = {"sigma_points_full": ("sigma_points", {"points": "full"})}
+#: The paper's sigma points, which go in all directions.
+FULL_POINTS = "sigma_points points=full"
 #: Those that take a number of rollouts, and with which they are compared.
 RUNS = {"cloud": (16, 32, 64)}
 
@@ -39,7 +39,7 @@ LOOKS = {name: Look(name.replace("_", " "), _OTHER_COLOR, _OTHER_MARKER) for nam
     MONTE_CARLO: _MONTE_CARLO,
     "cloud": Look("cloud", "#CC3311", "*"),
     "auto": Look("auto", "#882255", "P"),
-    "sigma_points_full": Look("sigma points, full", "#56B4E9", "d"),
+    FULL_POINTS: Look("sigma points, full", "#56B4E9", "d"),
     GAUSSIAN: Look("best Gaussian", "#D55E00", line="--"),
     FLOOR: Look("floor", "#999999", line=":"),
     MARGINAL: Look("outcomes of others", "#E69F00", line=":"),
@@ -51,8 +51,38 @@ LOOKS = {name: Look(name.replace("_", " "), _OTHER_COLOR, _OTHER_MARKER) for nam
 _GREYS = {5: "#BDBDBD", 10: "#8C8C8C", 50: "#5A5A5A", 100: "#2B2B2B"}
 
 
+def method_of(text: str, job: Job | None = None) -> Propagator:
+    """Return the propagator that a text names, with a job's seed if it takes one.
+
+    Parameters
+    ----------
+    text : str
+        Its name, and options as ``key=value``, parted by spaces: ``sigma_points points=full``.
+    job : Job, optional
+
+    Raises
+    ------
+    UnknownPropagatorError, InvalidOptionError, LimitExceededError
+        If there is no such propagator, or an option does not fit.
+    """
+    name, *texts = text.split() or [""]
+    options = dict(part.partition("=")[::2] for part in texts)
+    seed = None if job is None or "seed" in options else job.seed(text)
+    return propagator_from_texts(name, options, seed=seed)
+
+
+def text_of(propagator: Propagator) -> str:
+    """Return a propagator's name and the options that differ from their defaults, as for `method_of`."""
+    defaults, own = propagator.options(), {}
+    for name, default in defaults.items():
+        value = getattr(propagator, name)
+        if value != default and name != "seed":
+            own[name] = f"{value:g}" if isinstance(value, float) else str(value).lower()
+    return " ".join([propagator.name, *(f"{name}={value}" for name, value in own.items())])
+
+
 def methods(job: Job, grown: Sequence[int] = ()) -> dict[tuple[str, int | None], Propagator]:
-    """Return all propagators except Monte Carlo, with default options and each of `RUNS`, and the variants.
+    """Return all propagators except Monte Carlo, with default options and each of `RUNS`, and full points.
 
     Anytime propagators add rollouts until they are accurate enough, or have each of the numbers in ``grown``.
     """
@@ -65,9 +95,7 @@ def methods(job: Job, grown: Sequence[int] = ()) -> dict[tuple[str, int | None],
         for runs in sizes:
             if name != MONTE_CARLO:
                 made[name, runs] = make_propagator(name, **options, **({"runs": runs} if runs else {}))
-    return made | {
-        (name, None): make_propagator(kind, **options) for name, (kind, options) in VARIANTS.items()
-    }
+    return made | {(FULL_POINTS, None): method_of(FULL_POINTS, job)}
 
 
 def label(method: str, samples: int | None = None) -> str:
@@ -76,11 +104,19 @@ def label(method: str, samples: int | None = None) -> str:
         return f"MC-{samples}"
     if samples is not None and method in PROPAGATORS:
         return f"{LOOKS[method].label}-{samples}"
-    return LOOKS[method].label if method in LOOKS else method.replace("_", " ")
+    if method in LOOKS:
+        return LOOKS[method].label
+    name, _, options = method.partition(" ")
+    return f"{label(name)}, {options}" if options else name.replace("_", " ")
 
 
 def color(method: str, samples: int | None = None) -> str:
     """Return a method's colour; Monte Carlo with more samples is darker."""
     if method == MONTE_CARLO and samples in _GREYS:
         return _GREYS[samples]
-    return LOOKS[method].color
+    return look(method).color
+
+
+def look(method: str) -> Look:
+    """Return how a method is drawn: dashed as others of its name, if it is not listed with its options."""
+    return LOOKS.get(method) or LOOKS[method.partition(" ")[0]]._replace(line="--")

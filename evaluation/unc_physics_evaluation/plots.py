@@ -101,8 +101,8 @@ def draw_speed_against_error(
                 limits[model, quantity], linestyle="--", color=color(GAUSSIAN)
             )
             handles["floor: two truths"] = ax.axhline(1.0, linestyle=":", color=color(FLOOR))
-            _log_axis(ax, "x", decades_only=True)
-            _log_axis(ax, "y")
+            log_axis(ax, "x", decades_only=True)
+            log_axis(ax, "y")
             if i == 0:
                 ax.set_title(model, fontsize=10)
             else:
@@ -140,8 +140,8 @@ def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.n
                 if i == 1:
                     limit = ax.axhline(1e3 * floor, color=look.color, linestyle=":", linewidth=1.0)
                     handles[f"floor of {look.label}"] = limit
-            _log_axis(ax, "x")
-            _log_axis(ax, "y", decades_only=i == 0)
+            log_axis(ax, "x")
+            log_axis(ax, "y", decades_only=i == 0)
         axes[0, j].set_title(scene.replace("_", " "), fontsize=10)
         axes[1, j].set_xlabel("CPU time of a rollout [ms]", fontsize=8)
     axes[0, 0].set_ylabel("error of a sample's position, median [mm]", fontsize=9)
@@ -154,7 +154,7 @@ def draw_work_precision(path: Path, panels: Mapping[str, Mapping[str, tuple[np.n
     save(figure, path)
 
 
-def _log_axis(ax, which, decades_only=False):
+def log_axis(ax, which, decades_only=False):
     """A logarithmic axis with plain numbers at 1, 2 and 5, or at powers of ten only."""
     ax.set(**{f"{which}scale": "log"})
     axis = ax.xaxis if which == "x" else ax.yaxis

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 #: Options of propagators, where not their own.
-OPTIONS = {"monte_carlo": {"samples": 12}}
+OPTIONS = {"monte_carlo": {"samples": 12}, "surrogate": {"k_sigma": 3.0}}
 
 
 def explicit_scenes():

@@ -1,27 +1,26 @@
-"""What the evaluation asks of a propagator of another package: run where `antithetic` is installed."""
+"""The evaluation of a propagator of another package: run where `antithetic` is installed."""
 
+import csv
 import sys
+from pathlib import Path
 
-from example_scenes import three_bodies
-
-from unc_physics import predict
-from unc_physics.scene.scene_file import scene_from_dict
-from unc_physics_evaluation.comparison import error_rows, monte_carlo
-from unc_physics_evaluation.experiments import collision_free
-from unc_physics_evaluation.jobs import Job, Outcome
-from unc_physics_evaluation.methods import color, label, methods
+from unc_physics_evaluation.experiments import paper
+from unc_physics_evaluation.jobs import Job
+from unc_physics_evaluation.methods import color, label, method_of, methods
 from unc_physics_evaluation.results import Results
 
 if __name__ == "__main__":
-    scene, belief, _ = scene_from_dict(three_bodies())
-    job = Job("collision_free", {})
-    truth, second = (monte_carlo(scene, belief, 0.5, 20, seed) for seed in (1, 2))
-    prediction = predict(scene, belief, methods(job)["antithetic", None], 0.5)
-    rows = error_rows(job, truth, second, {("antithetic", None): prediction.belief}, [5])
-    assert any(row.method == "antithetic" and row.value > 0.0 for row in rows)
+    assert ("antithetic", None) in methods(Job("speed_against_error", {}))
     assert (label("antithetic"), color("antithetic")) == ("antithetic", "#A6761D")
-    results = Results(sys.argv[1])
-    for uncertain, *_ in collision_free.COLUMNS:
-        case = Job("collision_free", {"uncertain": uncertain, "truth": 20})
-        results.add(case, Outcome(rows), {"versions": "", "machine": ""})
-    print(collision_free.report(results))
+    assert method_of("antithetic pairs=20", Job("paper", {})).pairs == 20
+    results = Results(Path(sys.argv[1]))
+    small = {"case": "pin", "spheres": 10, "sigma": 0.05, "repeat": 0, "truth": 20, "rounds": 1}
+    for method in ("", "antithetic pairs=20"):
+        for section in ("error", "time", "storage"):
+            job = Job("paper", {"section": section, **small, "added": method})
+            results.add(job, paper.run(job), {"versions": "", "machine": ""})
+    print(paper.report(results))
+    for name in ("figure_6", "figure_7"):
+        with open(results.folder / f"{name}.csv", newline="") as file:
+            (row,) = (row for row in csv.DictReader(file) if row["method"] == "antithetic")
+        assert row["options"] == "pairs=20"

@@ -4,7 +4,7 @@ import pytest
 
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import ErrorCode
-from unc_physics_evaluation.experiments import BY_NAME
+from unc_physics_evaluation.experiments import BY_NAME, paper
 
 
 def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
@@ -13,8 +13,14 @@ def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
     def interrupted(bar):
         raise KeyboardInterrupt
 
+    every = paper.jobs
+    monkeypatch.setattr(
+        paper,
+        "jobs",
+        lambda settings: [job for job in every(settings) if job.parameters["section"] == "storage"],
+    )
     folder = tmp_path / "results"
-    arguments = ["evaluate", "collision_free", "--quick", "--workers", "1", "-o", str(folder)]
+    arguments = ["evaluate", "paper", "--quick", "--workers", "1", "-o", str(folder)]
     with monkeypatch.context() as patch:
         patch.setattr("tqdm.tqdm.refresh", interrupted)
         assert main(arguments) == 130
@@ -23,21 +29,25 @@ def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
     )
     assert main(arguments) == 0
     assert capsys.readouterr().out.endswith(f"wrote {folder}/report.md\n")
-    report = (folder / "report.md").read_text()
-    lines = {line.split(" | ")[0]: line for line in report.splitlines()}
-    assert lines["| MC-100"].split(" | ")[3] == "0.00940", "the paper's Table 2"
-    assert {"| surrogate", "| sigma points, full", "| floor"} <= set(lines)
-    before = (folder / "collision_free.csv").read_bytes()
+    assert "| surrogate | n_x + B 12^2 | 314 | 314 |" in (folder / "report.md").read_text()
+    before = (folder / "paper.csv").read_bytes()
     assert main(arguments) == 0
-    assert (folder / "collision_free.csv").read_bytes() == before
+    assert (folder / "paper.csv").read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "sentence"),
     [
-        (["colision_free"], ErrorCode.INVALID_OPTION, "experiment must be one of collision_free"),
+        (["papers"], ErrorCode.INVALID_OPTION, "experiment must be one of paper"),
         (["--workers", "0"], ErrorCode.INVALID_OPTION, "--workers must be at least 1 (got 0)"),
         (["--seed", "-1"], ErrorCode.INVALID_OPTION, "--seed must not be negative (got -1)"),
+        (["paper", "--method", "cloudy"], ErrorCode.UNKNOWN_PROPAGATOR, "propagator must be one of"),
+        (["paper", "--method", "cloud run=9"], ErrorCode.INVALID_OPTION, "run is no option of cloud"),
+        (
+            ["orders", "--method", "cloud"],
+            ErrorCode.INVALID_OPTION,
+            "--method goes with the experiment paper",
+        ),
     ],
 )
 def test_bad_input_is_one_sentence(arguments, code, sentence, tmp_path, capsys):

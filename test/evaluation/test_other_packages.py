@@ -12,4 +12,4 @@ def test_a_propagator_of_another_package_is_evaluated(tmp_path):
     folders = tmp_path, HERE.parent, ROOT / "evaluation"
     status, output, errors = run(HERE / "antithetic_evaluation.py", tmp_path, folders=folders)
     assert status == 0, errors
-    assert "\n| antithetic | " in output
+    assert "\n| antithetic, pairs=20 | " in output

@@ -6,28 +6,22 @@ from unc_physics_evaluation.jobs import Job, Settings
 from unc_physics_evaluation.results import Results
 from unc_physics_evaluation.runner import run_job, run_jobs
 
-TIMES = ("cpu_time", "cpu_time_over_mc10", "wall_time", "rollout_time", "rollout_time_over_ours")
+TIMES = ("cpu_time", "wall_time", "rollout_time", "rollout_time_over_ours")
 SHARED = Settings().parameters()
 
 
 def tiny_jobs():
     """Every kind of job, small."""
-    free = {
-        "uncertain": "linear_velocity",
-        "model": "pin",
-        "spheres": 10,
-        "sigma": 0.1,
-        "truth": 100,
-        "repeat": 0,
-    }
+    free = {"section": "free", "case": "linear_velocity", "spheres": 10, "sigma": 0.1, "repeat": 0}
+    free |= {"truth": 100, "rounds": 0, "added": ""}
     case = {"model": "bunny", "spheres": 10, "sigma": 0.05}
     speed = {"measured": "time", **case, "truth": 10, "encounter": 0, "encounters": 2}
     error = {**speed, "measured": "error", "truth": 100, "encounters": 1}
     return [
-        Job("collision_free", {**free, **SHARED}),
+        Job("paper", {**free, **SHARED}),
         Job("speed_against_error", {**error, **SHARED}, cost=3.0),
         Job("speed_against_error", {**speed, **SHARED}, alone=True),
-        Job("collision_free", {**free, "uncertain": "angular_velocity", **SHARED}),
+        Job("paper", {**free, "case": "angular_velocity", **SHARED}),
     ]
 
 
@@ -42,7 +36,7 @@ def figures(results):
             row["seed"],
             row["value"],
         )
-        for name in ("collision_free", "speed_against_error")
+        for name in ("paper", "speed_against_error")
         for row in results.rows(name)
         if row["quantity"] not in TIMES
     }
@@ -61,7 +55,7 @@ def in_a_pool(tmp_path_factory):
     """Results of two processes, and how the job failed that cannot be done."""
     results = Results(tmp_path_factory.mktemp("pool"))
     good = tiny_jobs()
-    bad = Job("collision_free", {**good[0].parameters, "uncertain": "mass"})
+    bad = Job("paper", {**good[0].parameters, "case": "mass"})
     failures = run_jobs([bad, *good], results, workers=2)
     assert results.missing([bad, *good]) == [bad], "it stops no other"
     return results, bad, failures
@@ -75,11 +69,11 @@ def test_a_pool_gives_the_same(in_this_process, in_a_pool):
 
 def test_a_job_that_fails_is_reported(in_a_pool):
     _, bad, failures = in_a_pool
-    assert list(failures) == [f"collision_free {bad.key}"]
-    assert "uncertain must be one of" in failures[f"collision_free {bad.key}"]
+    assert list(failures) == [f"paper {bad.key}"]
+    assert "uncertain must be one of" in failures[f"paper {bad.key}"]
 
 
 def test_rows_name_versions_and_machine(in_a_pool):
-    row = in_a_pool[0].rows("collision_free")[0]
+    row = in_a_pool[0].rows("paper")[0]
     assert row["versions"].startswith("unc_physics ") and "numba " in row["versions"]
     assert "threads" in row["machine"]

@@ -1,11 +1,20 @@
-"""W1 against closed forms."""
+"""W1 against closed forms, and the paper's metric against that of Python Optimal Transport."""
 
 import numpy as np
+import ot
 import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics.checks.errors import InvalidRequestError
-from unc_physics_evaluation.wasserstein import geodesic, geodesic_of_pairs, state_distance, wasserstein
+from unc_physics_evaluation.wasserstein import (
+    RegularisedDistance,
+    SinkhornDivergence,
+    euclidean,
+    geodesic,
+    geodesic_of_pairs,
+    state_distance,
+    wasserstein,
+)
 
 ROUND_OFF = 1e-12
 
@@ -60,6 +69,43 @@ def test_states_are_compared_body_by_body(rng):
     distance = state_distance(x, y)
     assert distance.position == pytest.approx([0.0, 0.5], abs=ROUND_OFF)
     assert distance.rotation == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("regularisation", [0.1, 1.0, 10.0])
+def test_the_paper_s_metric_is_pot_s_sinkhorn_divergence(regularisation, rng):
+    x, y = rng.standard_normal((60, 3)), 0.5 + 1.3 * rng.standard_normal((40, 3))
+    expected = ot.bregman.empirical_sinkhorn_divergence(
+        x, y, regularisation, metric="euclidean", numIterMax=100_000, stopThr=1e-9
+    )
+    found = SinkhornDivergence(x, euclidean, regularisation).to(y)
+    assert found == pytest.approx(expected, rel=1e-3)  # where Sinkhorn's iteration ends
+
+
+@pytest.mark.parametrize("distance", [euclidean, geodesic])
+def test_the_paper_s_metric_lies_between_w1_and_the_energy_distance(distance, rng):
+    x, y = (Rotation.from_rotvec(0.3 * rng.standard_normal((80, 3)) + k).as_quat() for k in (0.0, 0.3))
+    energy = distance(x, y).mean() - 0.5 * (distance(x, x).mean() + distance(y, y).mean())
+    scale = distance(x, y).mean()
+    assert SinkhornDivergence(x, distance, 1e4 * scale).to(y) == pytest.approx(energy, rel=1e-3)
+    assert SinkhornDivergence(x, distance, 0.01 * scale).to(y) == pytest.approx(
+        wasserstein(x, y, distance), rel=0.03
+    )
+
+
+def test_the_paper_s_metric_of_points_far_away_is_finite(rng):
+    """A plain Sinkhorn kernel underflows there."""
+    x = rng.standard_normal((30, 3))
+    assert SinkhornDivergence(x, euclidean, 0.1).to(x + 1e3) == pytest.approx(np.sqrt(3.0) * 1e3, rel=1e-4)
+
+
+def test_the_paper_s_metric_of_states_is_that_of_their_parts(rng):
+    x, y = rng.standard_normal((2, 40, 2, 13))
+    for states in (x, y):
+        states[..., 6:10] /= np.linalg.norm(states[..., 6:10], axis=-1, keepdims=True)
+    found = RegularisedDistance(x).to(y)
+    position = SinkhornDivergence(x[:, 1, 0:3], euclidean, 0.1).to(y[:, 1, 0:3])
+    rotation = SinkhornDivergence(x[:, 1, 6:10], geodesic, 180.0).to(y[:, 1, 6:10])
+    assert (found.position[1], found.rotation[1]) == pytest.approx((position, rotation))
 
 
 def test_bad_samples_are_refused():

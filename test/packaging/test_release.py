@@ -69,6 +69,7 @@ def test_ros_installs_what_the_node_needs():
     needed = re.findall(r"install_requires=(\[.*?\])", setup) + re.findall(r'"association": (\[.*?\])', setup)
     names = {re.split("[<>=]", one)[0] for text in needed for one in ast.literal_eval(text)}
     keys = {"python3-" + name.replace("pyyaml", "yaml") for name in names}
+    keys.add("python3-trimesh-pip")  # reads meshes of own objects and of robots; rosdep's key
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     found = {one.text for one in package.iter("exec_depend") if (one.text or "").startswith("python3-")}
     assert found == keys

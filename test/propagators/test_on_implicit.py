@@ -67,7 +67,7 @@ def until_impact(propagator, scene, start):
 def test_an_impact_s_impulse_tilts_as_the_surrogate_s_equations_say(impact):
     """With equal variances along all axes, Eq. 21 is a multiple of the projection across the normal."""
     scene, start = impact
-    propagator = make_propagator("surrogate")
+    propagator = make_propagator("surrogate", k_sigma=3.0)
     before, after, impulse = until_impact(propagator, scene, start)
     size = np.linalg.norm(impulse)
     n = impulse / size

@@ -117,7 +117,7 @@ def skew(r):
 # -- surrogate -------------------------------------------------------------------------------------
 
 
-def surrogate_step(x, roots, bodies, physics, k_sigma=3.0):
+def surrogate_step(x, roots, bodies, physics, k_sigma):
     """Nominal state and the root of each moving body's covariance one step later (Eqs. 11 to 24)."""
     moving = moving_of(bodies)
     roots = {b: printed_transition(x, b, physics) @ S for b, S in zip(moving, roots, strict=True)}  # Eq. 15

@@ -4,21 +4,42 @@ from __future__ import annotations
 
 import time
 
+#: The columns of the paper's Table 1, in the order of `base.Traits`.
+_TABLE_1 = (
+    "propagator",
+    "mean update",
+    "uncertainty",
+    "cross-body corr.",
+    "sep. int./coll.",
+    "collision treatment",
+)
+
 
 def add_propagators_command(commands) -> None:
     """Add the parser of ``propagators`` to the command line's subparsers."""
     parser = commands.add_parser(
         "propagators",
         help="list the propagators and their options",
-        description="List all propagators, including those of other packages, with their options.",
+        description="Compare all propagators, including those of other packages, as the paper's Table 1 does,"
+        " and list their options.",
     )
     parser.set_defaults(run=run_propagators)
 
 
 def run_propagators(arguments) -> int:
-    """Print the propagators and their options."""
+    """Print the paper's Table 1 of all propagators, and their options."""
     from ..propagators.registry import PROPAGATORS
 
+    lines = [_TABLE_1]
+    for name, cls in PROPAGATORS.items():
+        values = vars(cls.traits).values()
+        lines.append(
+            (name, *(("no", "yes")[value] if isinstance(value, bool) else value for value in values))
+        )
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        print("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())
+    print()
     for name, cls in PROPAGATORS.items():
         print(f"{name}: {cls.description()}")
         for option in cls.described_options():

@@ -22,7 +22,7 @@ from unc_physics.checks.errors import InvalidOptionError
 
 #: Experiments that run by default.
 DEFAULT = (
-    "collision_free",
+    "paper",
     "speed_against_error",
     "peers",
     "engines",
@@ -34,12 +34,9 @@ DEFAULT = (
 )
 #: Experiments that take long alone on the machine, or need more than this package.
 BY_NAME = (
-    "collisions",
-    "storage",
     "scenes_at_random",
     "tracking",
     "reality",
-    "propagators",
     "packing",
     "latency",
     "releases",

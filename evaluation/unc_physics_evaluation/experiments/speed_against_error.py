@@ -18,11 +18,10 @@ from ..comparison import (
     predicted,
     predictors,
     rollout_cost,
-    time_rows,
     two_truths,
 )
 from ..jobs import Job, Outcome, Settings
-from ..methods import FLOOR, GAUSSIAN, label
+from ..methods import FLOOR, GAUSSIAN, label, methods
 from ..pareto import Choice
 from ..results import Results
 from ..scenarios import MODELS, collision
@@ -80,16 +79,21 @@ def run(job: Job) -> Outcome:
         collision(p["model"], p["spheres"], p["sigma"], p["encounter"] + k) for k in range(p["encounters"])
     ]
     if p["measured"] == "error":
-        answers = predicted(*cases[0], job, GROWN)
+        answers = predicted(*cases[0], methods(job, GROWN))
         return Outcome(error_rows(job, *two_truths(*cases[0], job), answers, counts))
     for scene, *_ in cases:
         _ = scene.world  # is built at its first use, which no method shall pay for
-    each = [predictors(*case, job, counts, GROWN) for case in cases]
+    each = [predictors(*case, job, counts, methods(job, GROWN)) for case in cases]
     functions = {key: lambda k, key=key: each[k][key](k) for key in each[0]}
-    rows = time_rows(functions, len(cases))
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
-    deployed = {(*key, WALL_TIME): function for key, function in functions.items()}
-    return Outcome(rows + timed(deployed, len(cases), time.perf_counter))
+    rows = []
+    for threads, quantity, clock in (
+        (1, CPU_TIME, time.process_time),
+        (numba.config.NUMBA_NUM_THREADS, WALL_TIME, time.perf_counter),
+    ):
+        numba.set_num_threads(threads)
+        named = {(*key, quantity): function for key, function in functions.items()}
+        rows += timed(named, len(cases), clock)
+    return Outcome(rows)
 
 
 def report(results: Results) -> str:
