@@ -4,11 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from plain_scenes import BALL, independent, state
 from scipy.spatial.distance import cdist
 from scipy.special import ndtri
 from scipy.stats import norm, qmc
 
-from unc_physics import Belief, Plane, Scene, Touches, make_propagator, predict
+from unc_physics import Belief, Plane, RigidBody, Scene, Touches, make_propagator, predict
 from unc_physics.prediction.status import assess
 from unc_physics.propagators import emission, response_surface, sobol
 from unc_physics.propagators.reduction import reduction
@@ -194,6 +195,19 @@ def test_few_rollouts_are_nearer_to_the_truth_than_as_many_samples(loaded):
         return np.sqrt(np.mean([((f.belief.mean - truth.mean)[:, :3] / std) ** 2 for f in found]))
 
     assert error("cloud", runs=32) < 0.5 * error("monte_carlo", samples=32)
+
+
+@pytest.mark.parametrize("name", ["cloud", "auto"])
+def test_bodies_that_overlap_in_empty_space_keep_their_common_motion(name):
+    """Removal of overlap does not notice it: it is that of two free bodies, as of Monte Carlo."""
+    bodies = [RigidBody("a", BALL, 1.0), RigidBody("b", BALL, 2.0), RigidBody("c", BALL, 1.0)]
+    scene = Scene.everyday(bodies, exact=True)
+    start = independent(state(), state((0.09, 0, 0)), state((2, 0, 0)), position=0.01, velocity=0.1)
+    found, expected = (predict(scene, start, own, 0.2) for own in (name, "monte_carlo"))
+    for one in "abc":
+        np.testing.assert_allclose(found[one].position_std, expected[one].position_std, rtol=0.12)
+    together = (found.samples()[:, :2, 1] @ [1.0, 2.0] / 3.0).std()
+    assert together == pytest.approx(np.hypot(0.01, 0.02) * np.sqrt(5.0) / 3.0, rel=0.05)
 
 
 def test_answers_of_its_samples(loaded):

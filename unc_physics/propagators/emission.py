@@ -22,7 +22,7 @@ from .displacements import clip, reach, spread, variances
 from .free_flight import Flight, course_of, propagate_flight
 from .impact_metric import impact_metric
 from .overlap_depths import overlaps
-from .reduction import Reduction, common_covariance, moved_in_common, reduction
+from .reduction import Reduction, common_covariance, moved_in_common, reduction, symmetric
 from .response_surface import ResponseSurface, active_directions, fit, smoother, solve, surface_moments
 
 #: Spreads below the compliance of contacts [m], [rad]: outcomes and standard errors are not resolved below.
@@ -400,9 +400,11 @@ def _divided(runs, scene, met, moved, no_closed_form):
         known = {*bodies.tolist(), *common}
         extra = [size + c for c, parameter in enumerate(scene.uncertain) if parameter.body in known]
         columns = np.concatenate([used, np.array(extra, np.int64)])
-        # drag depends on the velocity in the world
-        alone = not (others | moved)[bodies].any() and not any(scene.bodies[k].drag for k in found)
-        flew = alone and len(bodies) == 1 and not no_closed_form
+        # drag depends on the velocity in the world; removal of overlap does not notice a common motion, where
+        # there are bodies only
+        bound = others if symmetric(scene) else others | moved
+        alone = not bound[bodies].any() and not any(scene.bodies[k].drag for k in found)
+        flew = alone and len(bodies) == 1 and not moved[bodies].any() and not no_closed_form
         root = np.ascontiguousarray(root[:, :, used].reshape(ERROR * len(bodies), len(used)))
         key = bodies.tobytes() + met[bodies].tobytes() + met[:, bodies].tobytes() + bytes([alone, flew])
         yield Group(key, bodies, columns, len(extra), root, alone, flew)
