@@ -286,8 +286,10 @@ def pair_candidates(x, i, j, limit, horizon, world, work):
         if least[k] < limit:
             c, r = (cx[k], cy[k], cz[k]), cr[k]
             gap, predicted, n = _pair_gap(c, r, (ex[k], ey[k], ez[k]), er[k], R, t, u, w, o, horizon, kept)
-            if math.isnan(predicted):
-                continue
+            if math.isnan(predicted):  # the same centre: no force, and any way out of the overlap is as good
+                if horizon > 0.0:
+                    continue
+                predicted, n = gap, (1.0, 0.0, 0.0)
             a, b = pool[start + k, 0], pool[start + k, 1]
             if i > j:
                 a, b = b, a

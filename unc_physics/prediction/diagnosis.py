@@ -15,17 +15,18 @@ from ..propagators.balanced_monte_carlo import BalancedMonteCarlo
 from ..propagators.base import SAMPLES_LIMIT, PointPairs, rollout_count
 from ..propagators.modes import may_split
 from ..scene.marks import mark_at
-from ..spatial.layout import ERR_ANGULAR_VELOCITY
+from ..spatial.layout import ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY, ERR_VELOCITY, VELOCITY
 from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus
 from .compute_budget import ComputeBudget
 from .diagnostics import RULES, judged, measures_of
 from .driver import run, wide_states
-from .evidence import Evidence, initial_diagnostics
+from .evidence import MOST_FLIGHT_TURN, Evidence, initial_diagnostics
 from .prediction_data import PredictionData
 from .probability import is_certain
 from .request_checks import check_memory, check_supported
 from .snapshot import Snapshot
+from .step_motion import Span, motion_in_meetings
 
 #: Rollouts with which `judge` compares a spread.
 ROLLOUTS = 12
@@ -35,6 +36,7 @@ _ADDED, _CONCLUSIVE = 24, 36
 _ENOUGH = 1000  # rollouts with which no search for rare outcomes is necessary
 _SYMMETRIC = 1.05  # asymmetry of sigma points up to which their spread is not compared
 _INCONCLUSIVE = 1.4, 2.7  # factors between which a dozen rollouts cannot decide whether spreads differ by two
+_FARTHEST = 3.0  # standard deviations of a velocity that a dozen rollouts do not exceed
 _SEED = 0  # of the rollouts; added rollouts have the next one. A fixed seed makes statuses reproducible
 
 
@@ -80,6 +82,8 @@ def _judge(prediction, rollouts):
         _compare(prediction, found, places, _ADDED, before=rollouts)
     if rollouts > 0 and may_miss(prediction):
         _add_wide_rollouts(prediction, found)
+    if prediction.scene.integrator == "explicit":
+        _add_step_motion(prediction, found)
     statuses = []
     for k, one in enumerate(found):
         if k and _is_same_evidence(one, found[k - 1]):
@@ -137,29 +141,59 @@ def _add_wide_rollouts(prediction, found):
         found[k] = replace(found[k], wide=wide)
 
 
+def _add_step_motion(prediction, found):
+    """Add to evidence the motion in one explicit step of bodies that meet something."""
+    start, initial = found[0].start, prediction.initial
+    motions = motion_in_meetings(
+        prediction.asked or prediction.scene,
+        initial,
+        start.shapes[:, 3],
+        start.shapes[:, 2],
+        1 if start.deterministic else ROLLOUTS,
+        [_span(one, initial) for one in found],
+    )
+    found[:] = [replace(one, step_motion=own) for one, own in zip(found, motions, strict=True)]
+
+
+def _span(evidence, initial):
+    """Return the time of evidence with the highest speeds in a dozen rollouts, by start, end and gravity."""
+    states = evidence.snapshot.belief.mean[None] if evidence.states is None else evidence.states
+    norms = []
+    for part, error_part in ((VELOCITY, ERR_VELOCITY), (ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY)):
+        before = np.linalg.norm(initial.mean[:, part], axis=1)
+        variances = np.trace(initial.blocks[:, error_part, error_part], axis1=1, axis2=2)
+        before[initial.moving] += _FARTHEST * np.sqrt(np.maximum(variances, 0.0))
+        norms.append(np.maximum(before, np.linalg.norm(states[..., part], axis=-1).max(axis=0)))
+    steps = mark_at(evidence.snapshot.time, evidence.scene.dt).count
+    return Span(steps, np.maximum(norms[0], evidence.highest_speed), norms[1])
+
+
 def needs_rollouts(evidence: Evidence) -> bool:
     """Return whether a spread is to be compared with that of rollouts.
 
-    A spread of a single rollout is compared if there is something to touch or a gyroscopic term. A spread of
-    points is compared if one of them touched something, and the points are asymmetric, or many, or touched
-    different things, or may have turned too far.
+    A spread of a single rollout is compared if there is something to touch, a gyroscopic term, or far
+    rotation in a step. A spread of points is compared if one of them touched something, and the points are
+    asymmetric, or many, or touched different things, or may have turned too far. Without a contact, it is
+    compared if the points are asymmetric, by the gyroscopic term.
     """
     scene, propagator, directions = evidence.scene, evidence.propagator, evidence.start.directions
     if propagator.traits.mean_update == "nominal":
-        return len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic  # else flight is exact
+        if len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic:
+            return True
+        # else flight is exact, or of first order in the rotation of a step
+        return propagator.traits.separate_collisions and bool((evidence.step_turn > MOST_FLIGHT_TURN).any())
     touched = np.isfinite(evidence.history.first_time)
-    if not touched.any():
-        return False
-    if evidence.left_out:
+    if touched.any() and evidence.left_out:
         return True
     if not isinstance(propagator, PointPairs):
         return False
+    asymmetry = evidence.asymmetry
+    uneven = asymmetry is None or asymmetry.max() > _SYMMETRIC
+    if not touched.any():
+        return scene.gyroscopic and uneven
     if directions is None or directions.sum() > RULES["directions"].limit:
         return True
-    if not (touched == touched[0]).all():
-        return True
-    asymmetry = evidence.asymmetry
-    return asymmetry is None or asymmetry.max() > _SYMMETRIC or _may_have_wrapped(evidence)
+    return uneven or not (touched == touched[0]).all() or _may_have_wrapped(evidence)
 
 
 def is_inconclusive(evidence: Evidence) -> bool:

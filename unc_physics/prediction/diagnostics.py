@@ -27,13 +27,15 @@ from ..spatial.moments import mean_and_errors
 from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
-from .evidence import Evidence, kinetic_moments, spread_floors
+from .evidence import MOST_FLIGHT_TURN, Evidence, kinetic_moments, spread_floors
 from .notes import few_spheres
 from .rare_outcomes import MATTER
+from .step_motion import MOST_TRAVEL, MOST_TURN
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), "or")
 _ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", "or")
 _DRAWING = names_where(lambda propagator: propagator.supports.impact_errors, "or")
+_EXACT_FLIGHT = names_where(lambda propagator: not propagator.traits.separate_collisions, "or")
 _FAR = 5.0  # standard deviations beyond which samples of a correct belief are not expected
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
@@ -263,6 +265,19 @@ def overlap_certain(evidence):
 
 @_measure(
     Status.INITIAL_OVERLAP,
+    0.98,
+    "is in the same place as another body at the start; the two poses contradict each other; check them",
+)
+def coincidence(evidence):
+    """1 less the distance between the centres of mass of two bodies that overlap at the start, over the
+    smaller body's radius. Above the limit, nothing says in which direction they are to part. Only where the
+    scene does not keep overlap.
+    """
+    return None if evidence.scene.overlap == "keep" else evidence.start.coincidence
+
+
+@_measure(
+    Status.INITIAL_OVERLAP,
     0.01,
     "some samples or points were moved by more than 5 standard deviations, to remove overlap or to rest;"
     " check its pose, or give it a larger covariance",
@@ -338,15 +353,18 @@ def rotation_std(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     1.0,
-    f"its points begin more than half a turn from the mean, where rotations repeat; take {_SAMPLED}",
+    f"its points turn more than half a turn from the mean, where rotations repeat; take {_SAMPLED}",
 )
 def point_turn(evidence):
-    """Angle by which the farthest sigma points turn a body at the start, over half a turn."""
+    """Angle between the rotations of the farthest sigma points and the mean, over half a turn: at the start,
+    and of a body that touched nothing also now.
+    """
     start, moving = evidence.start, evidence.scene.moving
     if start.directions is None or not len(moving):
         return None
     far = np.sqrt(start.directions.sum() + len(evidence.scene.uncertain) + 0.5)
-    largest = np.linalg.eigvalsh(start.blocks[:, ERR_ROTATION, ERR_ROTATION])[:, -1]
+    rotations = start.blocks[:, ERR_ROTATION, ERR_ROTATION], evidence.flown_rotations
+    largest = np.linalg.eigvalsh(np.stack(rotations))[..., -1].max(axis=0)
     result = np.zeros(len(evidence.scene.bodies))
     result[moving] = far * np.sqrt(np.maximum(largest, 0.0)) / math.pi
     return result
@@ -364,6 +382,23 @@ def spread_disagreement(evidence):
     """
     factors = evidence.spread_factors
     return None if factors is None else factors.max(axis=1)
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    MOST_FLIGHT_TURN,
+    "its spread is of first order in the rotation of a step, and was not compared with rollouts; lower dt,"
+    f" now {{dt:.3g}} s, to {{shorter:.2g}} s, or take {_EXACT_FLIGHT}",
+    unit="rad",
+    unless_compared=True,
+)
+def flight_rotation(evidence):
+    """Rotation in one step [rad], at the start or now, with methods whose covariance is of first order in it.
+    Spreads of rotations across the axis are too large by 19 % at the limit, by a factor of 2 at 3.8, and
+    without bound at whole turns. Above the limit they are compared with those of rollouts; it then raises no
+    flag.
+    """
+    return evidence.step_turn if evidence.propagator.traits.separate_collisions else None
 
 
 @_measure(
@@ -788,6 +823,34 @@ def impact_over_capacity(evidence):
         return None
     most = np.maximum(capacity(start.shapes[:, 2], scene.stiffness), 1e-300)
     return 0.5 * start.mass * evidence.highest_speed**2 / most
+
+
+@_measure(
+    Status.NOT_CONVERGED,
+    MOST_TRAVEL,
+    "can pass through something within one step; lower dt, now {dt:.3g} s, to {shorter:.2g} s",
+)
+def step_travel(evidence):
+    """Relative travel in one explicit step of the body and something that it meets, at a step or between two,
+    in a dozen rollouts: over the sum of their thicknesses. These are the diameter of a body's largest sphere,
+    and the least extent of an element. Balls that hit each other centrally overlap during two steps at the
+    limit, and need not touch from twice the limit on. The value is 0 within the limit.
+    """
+    return None if evidence.step_motion is None else evidence.step_motion[:, 0]
+
+
+@_measure(
+    Status.NOT_CONVERGED,
+    MOST_TURN,
+    "turns too far in one step, or what it meets does, for contacts to be seen; lower dt, now {dt:.3g} s, to"
+    " {shorter:.2g} s",
+    unit="rad",
+)
+def step_rotation(evidence):
+    """Rotation in one explicit step of the body, or of something that it meets, as in ``step_travel`` [rad].
+    Without contact, rotations are exact at any step. Balls turn without effect.
+    """
+    return None if evidence.step_motion is None else evidence.step_motion[:, 1]
 
 
 @_measure(

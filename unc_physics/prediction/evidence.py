@@ -12,8 +12,10 @@ import numpy as np
 
 from ..dynamics.contact_history import ContactHistory
 from ..propagators.base import PointPairs, Propagator, Samples, TwoSidedSlopes, rollout_count
-from ..propagators.overlap_depths import overlaps
+from ..propagators.free_flight import course_of
+from ..propagators.overlap_depths import overlaps, pair_overlaps
 from ..propagators.point_pairs import opposite_points
+from ..scene.kinematic_states import held_at_start
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
@@ -26,19 +28,22 @@ from ..spatial.layout import (
     VELOCITY,
 )
 from ..spatial.moments import pose_spreads
-from ..spatial.rotation import rotation_matrix
+from ..spatial.rotation import left_jacobian, rotation_matrix
 from .conservation_checks import conserves_energy
 from .prediction_data import PredictionData
 from .probability import is_deterministic
 from .rare_outcomes import tail_factors
 from .snapshot import Snapshot
 
+#: Rotation in one step from which on covariances of first order in it are compared with rollouts [rad].
+MOST_FLIGHT_TURN = 2.0
 _DRAWN = 40  # states of a belief whose overlaps are computed
 _SEED = 0  # of their draws; fixed, so that statuses are reproducible
 #: Least spread that is compared, over the body's radius and in rad: the accuracy of contacts.
 _SPREAD_FLOOR = 1e-4
 _NOISE = 4.0  # standard deviations of a sample's mean energy that do not count as a gain
 _USUAL = 0.95  # quantile of the overlaps of a belief's states
+_SPUN = slice(ERR_ROTATION.start, ERR_ANGULAR_VELOCITY.stop)
 _shapes = WeakKeyDictionary()
 
 
@@ -62,6 +67,9 @@ class InitialDiagnostics(NamedTuple):
     directions: np.ndarray | None
     found: Any  # adjustments of points or samples at time 0; None for the explicit integrator
     kept_overlaps: np.ndarray  # (B, B + E): deepest overlap of each pair that could not be removed [m]
+    #: (B,): 1 less the distance between the given centres of mass of two bodies that overlap, over the
+    #: smaller body's radius; 0 without such a pair
+    coincidence: np.ndarray
     deterministic: bool  # whether there is only one outcome, which a single sample is
 
 
@@ -86,6 +94,7 @@ class Evidence:
     #: (R, B, 13): states of rollouts of a belief that is twice as wide; None without them
     wide: np.ndarray | None = None
     left_out: tuple[str, ...] = ()  # as `Prediction.left_out`
+    step_motion: np.ndarray | None = None  # (B, 2): as `step_motion.motion_in_meetings`
 
     @classmethod
     def of(cls, prediction: PredictionData, start: InitialDiagnostics, snapshot: Snapshot) -> Evidence:
@@ -130,6 +139,28 @@ class Evidence:
     def predicted_spreads(self) -> np.ndarray:
         """(M, 2): predicted standard deviations of position [m] and rotation [rad]."""
         return pose_spreads(self.snapshot.belief.blocks)
+
+    @cached_property
+    def flown_rotations(self) -> np.ndarray:
+        """(M, 3, 3): covariances of rotations at the start; of bodies that touched nothing, after the flight
+        since then, as if rotations did not wrap around.
+        """
+        scene, blocks = self.scene, self.start.blocks
+        turn = course_of(scene.world, self.snapshot.time / scene.dt).turn
+        found = blocks[:, ERR_ROTATION, ERR_ROTATION].copy()
+        for k, body in enumerate(scene.moving):
+            if not self.touches[body]:
+                x = self.start.mean[body]
+                back = left_jacobian(-turn * x[ANGULAR_VELOCITY])  # to the axes at the start
+                J = np.hstack([np.eye(3), turn * rotation_matrix(x[QUATERNION]).T @ back])
+                found[k] = J @ blocks[k, _SPUN, _SPUN] @ J.T
+        return found
+
+    @cached_property
+    def step_turn(self) -> np.ndarray:
+        """(B,): rotation of each body in one step, by its start and its end [rad]."""
+        both = (x[:, ANGULAR_VELOCITY] for x in (self.start.mean, self.snapshot.belief.mean))
+        return self.scene.dt * np.max([np.linalg.norm(omega, axis=1) for omega in both], axis=0)
 
     @cached_property
     def spread_factors(self) -> np.ndarray | None:
@@ -229,6 +260,7 @@ def initial_diagnostics(prediction: PredictionData) -> InitialDiagnostics:
         samples,
         propagator.directions(initial) if isinstance(propagator, PointPairs) else None,
         *_found(prediction),
+        _coincidences(scene, prediction.initial.mean, shapes[:, 3]),
         is_deterministic(scene, prediction.initial),
     )
     energy, noise = kinetic_moments(scene, start, initial, 1)
@@ -260,6 +292,18 @@ def _found(prediction):
     if history.solver is not None and history.solver.kept_overlap.size:
         kept = history.solver.kept_overlap.max(axis=0)
     return history.start, kept
+
+
+def _coincidences(scene, mean, radii):
+    """Return `InitialDiagnostics.coincidence` of states (B, 13) of bodies with bounding ``radii`` (B,)."""
+    apart = np.linalg.norm(mean[:, None, POSITION] - mean[None, :, POSITION], axis=2)
+    closeness = np.maximum(1.0 - apart / np.minimum(radii[:, None], radii), 0.0)
+    held = held_at_start(scene)  # where its holder may be
+    closeness[held] = closeness[:, held] = 0.0
+    np.fill_diagonal(closeness, 0.0)
+    if closeness.any():
+        closeness[pair_overlaps(scene, mean[None])[0, :, : len(mean)] == 0.0] = 0.0
+    return closeness.max(axis=1)
 
 
 def _shape(model):

@@ -21,7 +21,7 @@ from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.presets import PRESETS
 from ..scene.scene import Scene
-from ..spatial.layout import ERROR, POSITION, QUATERNION, STATE
+from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE
 from ..spatial.origin import at_com, at_origin, congruent, error_map, inverse_error_map, moved
 from ..spatial.rotation import multiply
 from .predict import predict
@@ -56,6 +56,8 @@ def warm_up(
     mean = np.zeros((3, STATE))
     mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
     mean[:, POSITION][:, 2] = 0.0, 0.015, -0.015
+    if scene.integrator == "explicit":  # so far in one step that statuses look between steps
+        mean[1, ANGULAR_VELOCITY.start] = 1.0 / scene.dt
     P = covariance(1e-6 * np.eye(ERROR), ERROR, "covariance")
     belief = Belief(mean, np.stack([P, P]), scene.moving)
     moved(mean[0], np.zeros(3), -1.0)

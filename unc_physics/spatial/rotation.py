@@ -165,3 +165,15 @@ def cross_matrices(v):
     K = np.zeros((*v.shape, 3))
     K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     return K - np.swapaxes(K, -1, -2)
+
+
+def left_jacobian(v):
+    """Return the left Jacobian (3, 3) of SO(3) at a rotation vector (3,) [rad]; not for kernels.
+
+    To first order, ``Exp(v + d) = Exp(J d) Exp(v)``.
+    """
+    K, angle = cross_matrices(np.asarray(v)), float(np.linalg.norm(v))
+    if angle < 1e-4:  # where the quotients below lose digits
+        return np.eye(3) + 0.5 * K
+    once, twice = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    return np.eye(3) + once * K + twice * K @ K
