@@ -12,6 +12,7 @@ from .packing_file import SINK, SpherePacking
 from .quality import PROBE
 
 _MOST = 2000  # spheres, about
+_CORE = 1e-6  # share of the shortest half side that the core of the piece keeps, as a hull needs a volume
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
@@ -53,6 +54,7 @@ def rounded_box(
     half = 0.5 * sides
     corners = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     volume, squares = _moments(half - radius, radius)
+    rounding = min(radius, (1.0 - _CORE) * float(half.min()))
     centers = np.concatenate([(half - radius) * corners, _between(half - radius, radius)])
     return SpherePacking(
         name,
@@ -66,7 +68,7 @@ def rounded_box(
         bounds=corners[[0, -1]] * half,
         measured_spheres=np.unique([8, len(centers)]),
         extent_losses=np.zeros(len({8, len(centers)})),
-        pieces=(box(2.0 * (half - radius), rounding=radius),),
+        pieces=(box(2.0 * (half - rounding), rounding=rounding),),
     )
 
 

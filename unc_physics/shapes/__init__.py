@@ -11,7 +11,7 @@ __all__ = ["SignedDistance", "signed_distance"]
 
 
 def __getattr__(name):
-    """Import a public name on first use, as `unc_physics` does."""
+    """Import a public name on first use, as importing numba takes a second."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from . import distance
