@@ -30,7 +30,7 @@ def run_propagators(arguments) -> int:
     """Print the paper's Table 1 of all propagators, and their options."""
     from ..propagators.registry import PROPAGATORS
 
-    lines = [_TABLE_1]
+    lines: list[tuple[str, ...]] = [_TABLE_1]
     for name, cls in PROPAGATORS.items():
         values = vars(cls.traits).values()
         lines.append(
