@@ -398,8 +398,12 @@ def contact_residual(value):
 # -- all ---------------------------------------------------------------------------------------------
 
 
+#: Their cases below and above the limits need rollouts, and are in `test_status_of_steps.py`.
+OF_STEPS = {"step_travel", "step_rotation", "flight_rotation", "coincidence"}
+
+
 def test_every_flag_with_a_limit_has_a_case():
-    assert {name for name, rule in RULES.items() if math.isfinite(rule.limit)} - COUNTED == {
+    assert {name for name, rule in RULES.items() if math.isfinite(rule.limit)} - COUNTED - OF_STEPS == {
         name.split()[0].rstrip("_") for name in CASES
     }
 
