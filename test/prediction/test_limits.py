@@ -450,6 +450,7 @@ def test_flags_of_a_spread_are_not_raised_where_rollouts_were_compared():
     assert alone - set(raised(above | {"spread_error": 0.3, "mean_pose_error": 0.0})) == {
         "left_out",
         "directions",
+        "flight_rotation",
         "unevenness",
     }
 
