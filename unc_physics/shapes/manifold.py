@@ -25,6 +25,7 @@ from .columns import (
     KIND,
     LAST_FACE,
     LAST_POINT,
+    LATHE,
     NO_FACE,
     NORMAL,
     OWNER,
@@ -38,10 +39,15 @@ from .columns import (
     ROUNDING,
 )
 from .nearest import half_space, nearest
-from .support import face, gap_along, get, matrix_times, put, transposed_times, unit
+from .support import face, gap_along, get, matrix_times, put, support, transposed_times, unit
 
-#: Most contacts of two pieces, and of two bodies; a bowl in a bowl needs about 24.
-MOST_OF_PIECES, MOST_OF_BODIES = 4, 32
+#: Most contacts of two pieces, and of two bodies: two rectangles overlap in an octagon, and a bowl in a bowl
+#: needs about 24.
+MOST_OF_PIECES, MOST_OF_BODIES = 8, 32
+_OCTAGON, _MOST_OF_DISC = 8, 4  # corners of a disc, and of those that are kept: they lie where the load is
+_LEVEL = 1e-9  # difference of cosines of two faces from which on one is flatter
+_ACROSS = 1e-12  # squared cosine up to which a load moves across a normal
+_TIE = 1e-12  # difference that does not count [m]
 _FLAT_ON_FACE = 1e-7  # 1 - cosine up to which the normal is that of the face
 _OBLIQUE = 0.5  # cosine below which a surface does not face along the normal
 _PARALLEL = 4e-4  # squared sine up to which two segments are parallel (1.1 degrees)
@@ -82,38 +88,72 @@ def write_contact(out, k, point, gap, n, a, b, whose):
 
 
 @inner
-def reduce(out, first, last, most):
-    """Keep the deepest contact and those that differ most in place or direction; return the end."""
+def _load_point(a, b, n, lean, base, frames, pieces):
+    """Return the centre of mass of the body that ``lean`` presses against the other one; b's across ``n``."""
+    pressed = dot(lean, n)
+    loaded = a if pressed > 0.0 and pressed * pressed > _ACROSS * dot(lean, lean) else b
+    return minus(triple(frames[int(pieces[loaded, OWNER])], POSITION), base)
+
+
+@inner
+def reduce(out, first, last, most, lean, load):
+    """Keep the deepest contact, the one where a load leaves, and the ones that differ most; return the end.
+
+    The load moves from the point ``load`` along ``lean``. Contacts differ in place or direction.
+    """
     if last - first <= most:
         return last
+    n, p = triple(out[first], NORMAL), triple(out[first], POINT)
+    along = minus(lean, times(dot(lean, n), n))
+    length = math.sqrt(dot(along, along))
+    best, found = -math.inf, first
     for k in range(first, last):
         out[k, FARNESS] = math.inf
-    for c in range(first, first + most):
+        # ties of symmetric outlines go to the first row, not to round-off
+        if -out[k, GAP] > best + _TIE:
+            best, found = -out[k, GAP], k
+    _swap(out, first, found)
+    for c in range(first + 1, first + most):
+        p, n = triple(out[c - 1], POINT), triple(out[c - 1], NORMAL)
         best, found = -math.inf, c
         for k in range(c, last):
-            if c == first:
-                value = -out[k, GAP]
-            else:  # a wide gap counts against a place
-                value = out[k, FARNESS] - 1e-2 * max(out[k, GAP], 0.0) * math.sqrt(out[k, FARNESS])
-            # ties of symmetric outlines go to the first row, not to round-off
-            if k == c or value > best * (1.0 + 1e-4) + 1e-12:
-                best, found = value, k
-        if found != c:
-            for j in range(CONTACT):
-                out[c, j], out[found, j] = out[found, j], out[c, j]
-        p, n = triple(out[c], POINT), triple(out[c], NORMAL)
-        for k in range(c + 1, last):
             d, e = minus(triple(out[k], POINT), p), minus(triple(out[k], NORMAL), n)
             out[k, FARNESS] = min(out[k, FARNESS], dot(d, d) + _TURN * dot(e, e))
+            # a wide gap counts against a place
+            value = out[k, FARNESS] - 1e-2 * max(out[k, GAP], 0.0) * math.sqrt(out[k, FARNESS])
+            if value > best * (1.0 + 1e-4) + _TIE:
+                best, found = value, k
+        if c == first + 1 and length > 0.0:
+            best = -math.inf
+            for k in range(first, last):
+                d = minus(triple(out[k], POINT), load)
+                t = dot(d, along) / length
+                d = minus(d, times(t / length, along))
+                d = minus(d, times(dot(d, n), n))
+                value = t - math.sqrt(dot(d, d))
+                if value > best + _TIE:
+                    best, leaves = value, k
+            if leaves > first:
+                found = leaves
+        _swap(out, c, found)
     return first + most
 
 
 @inner
+def _swap(out, c, k):
+    """Exchange two contacts."""
+    if c != k:
+        for j in range(CONTACT):
+            out[c, j], out[k, j] = out[k, j], out[c, j]
+
+
+@inner
 def _on_half_space(a, b, far, lean, base, frames, pieces, rows, polygons, out, first):
-    """Write the contacts of piece b with the half-space a; return their number."""
+    """Write the contacts of piece b with the half-space a; return their number and the least gap."""
     o, n = half_space(a, base, frames, pieces, rows)
+    load = _load_point(a, b, n, lean, base, frames, pieces)
     piece = pieces[b]
-    end, polygon = first, polygons[0]
+    end, polygon, least, most = first, polygons[0], math.inf, MOST_OF_PIECES
     if piece[KIND] == HULL and piece[LAST_FACE] > piece[FIRST_FACE]:
         frame = frames[int(piece[OWNER])]
         start = minus(triple(frame, POSITION), base)
@@ -126,16 +166,19 @@ def _on_half_space(a, b, far, lean, base, frames, pieces, rows, polygons, out, f
                 write_contact(
                     out, end, minus(x, times(piece[ROUNDING] + 0.5 * gap, n)), gap, n, a, b, FACE_OF_A
                 )
+                least = min(least, gap)
                 end += 1
-        return reduce(out, first, end, MOST_OF_PIECES) - first
-    count, _ = face(b, times(-1.0, n), lean, base, frames, pieces, rows, polygon)
-    for k in range(count):
-        p = get(polygon, k)
-        gap = dot(minus(p, o), n)
-        if gap < far and end < len(out):
-            write_contact(out, end, minus(p, times(0.5 * gap, n)), gap, n, a, b, FACE_OF_A)
-            end += 1
-    return reduce(out, first, end, MOST_OF_PIECES) - first
+    else:
+        count, _ = face(b, times(-1.0, n), lean, load, base, frames, pieces, rows, polygon)
+        for k in range(count):
+            p = get(polygon, k)
+            gap = dot(minus(p, o), n)
+            if gap < far and end < len(out):
+                write_contact(out, end, minus(p, times(0.5 * gap, n)), gap, n, a, b, FACE_OF_A)
+                least = min(least, gap)
+                end += 1
+        most = _MOST_OF_DISC
+    return reduce(out, first, end, most, lean, load) - first, least, n
 
 
 @inner
@@ -154,7 +197,8 @@ def manifold_of_pieces(a, b, n, follow, far, lean, base, frames, pieces, rows, p
     far : float
         Largest gap of a contact [m].
     lean : tuple
-        Direction in which a disc's first rim point lies (`support.face`).
+        Direction in which the load of the body moves that rests on the other one, from its centre of mass on:
+        that of a force, or of sliding. Any length; zero without one.
     base : tuple
         Point to which contacts are relative, world axes.
     polygons : (3, POLYGON, 3) array
@@ -163,30 +207,30 @@ def manifold_of_pieces(a, b, n, follow, far, lean, base, frames, pieces, rows, p
     Returns
     -------
     count : int
-        At most four.
+        At most `MOST_OF_PIECES`.
     gap : float
         The least one; infinite without contacts.
     normal : tuple
         Of the contacts.
     """
     if pieces[a, KIND] == HALF_SPACE:
-        count = _on_half_space(a, b, far, lean, base, frames, pieces, rows, polygons, out, first)
-        gap = math.inf
-        for k in range(first, first + count):
-            gap = min(gap, out[k, GAP])
-        return count, gap, half_space(a, base, frames, pieces, rows)[1]
+        return _on_half_space(a, b, far, lean, base, frames, pieces, rows, polygons, out, first)
     own, other, spare = polygons[0], polygons[1], polygons[2]
-    count_a, normal_a = face(a, n, lean, base, frames, pieces, rows, own)
-    count_b, normal_b = face(b, times(-1.0, n), lean, base, frames, pieces, rows, other)
-    flatter = -dot(normal_b, n) > dot(normal_a, n) + (1e-9 if follow else 1e-3)
+    load = _load_point(a, b, n, lean, base, frames, pieces)
+    count_a, normal_a = face(a, n, lean, load, base, frames, pieces, rows, own)
+    count_b, normal_b = face(b, times(-1.0, n), lean, load, base, frames, pieces, rows, other)
+    most = MOST_OF_PIECES
+    if count_a >= _OCTAGON and pieces[a, KIND] == LATHE or count_b >= _OCTAGON and pieces[b, KIND] == LATHE:
+        most = _MOST_OF_DISC
+    flatter = -dot(normal_b, n) > dot(normal_a, n) + _LEVEL
     swap = count_a < 3 or (count_b >= 3 and flatter)
     if count_a < 3 and count_b < 3:
         swap = count_a < count_b
     side = -1.0 if swap else 1.0
     if swap:
-        reference, size, normal, clipped, count = other, count_b, normal_b, own, count_a
+        reference, size, normal, clipped, count, top = other, count_b, normal_b, own, count_a, a
     else:
-        reference, size, normal, clipped, count = own, count_a, normal_a, other, count_b
+        reference, size, normal, clipped, count, top = own, count_a, normal_a, other, count_b, b
     o = get(reference, 0)
     if size == 2:  # two segments, if they are nearly parallel
         if count != 2:
@@ -229,9 +273,13 @@ def manifold_of_pieces(a, b, n, follow, far, lean, base, frames, pieces, rows, p
             write_contact(out, end, minus(p, times(side * 0.5 * gap, n)), gap, n, a, b, whose)
             least = min(least, gap)
             end += 1
-    if follow and (end == first or least > gap_along(a, b, n, base, frames, pieces, rows) + 1e-6):
-        return 0, least, n
-    return reduce(out, first, end, MOST_OF_PIECES) - first, least, n
+    if follow:  # the piece on the face must not reach below its corners there
+        if end == first:
+            return 0, least, n
+        q = support(top, times(-1.0, normal), base, frames, pieces, rows)
+        if least > dot(normal, minus(q, o)) - pieces[top, ROUNDING] + 1e-6:
+            return 0, least, n
+    return reduce(out, first, end, most, lean, load) - first, least, n
 
 
 @inner
@@ -242,7 +290,7 @@ def contacts_of_pieces(a, b, n, known, far, lean, base, frames, pieces, rows, wo
     of their own where no corner or crossing is as near.
     """
     if pieces[a, KIND] == HALF_SPACE:
-        return manifold_of_pieces(a, b, n, False, far, lean, base, frames, pieces, rows, polygons, out, first)
+        return _on_half_space(a, b, far, lean, base, frames, pieces, rows, polygons, out, first)
     if known:
         count, gap, m = manifold_of_pieces(
             a, b, n, True, far, lean, base, frames, pieces, rows, polygons, out, first
@@ -364,7 +412,10 @@ def contacts_of_bodies(i, j, far, lean, base, frames, pieces, rows, first, near,
             write_contact(out, end + written, middle, gap, n, a, b, NO_FACE)
             written += 1
         end += written
-    end = reduce(out, 0, end, MOST_OF_BODIES)
+    if end > MOST_OF_BODIES:
+        a, b = int(out[0, PIECE_A]), int(out[0, PIECE_B])
+        load = _load_point(a, b, triple(out[0], NORMAL), lean, base, frames, pieces)
+        end = reduce(out, 0, end, MOST_OF_BODIES, lean, load)
     for k in range(end):  # normals point from body i to body j
         if int(pieces[int(out[k, PIECE_A]), OWNER]) != i:
             for c in range(3):

@@ -122,12 +122,12 @@ def gap_along(a, b, n, base, frames, pieces, rows):
 
 
 @inner
-def face(p, n, lean, base, frames, pieces, rows, out):
+def face(p, n, lean, load, base, frames, pieces, rows, out):
     """Write the surface of piece ``p`` that faces along the unit vector ``n`` to rows of ``out``.
 
     A surface is a polygon, a segment or a point, the ball's sweep included. A disc is an octagon whose first
-    corner lies along ``n``, or, where the disc faces along ``n``, along the world vector ``lean``: where the
-    disc's partner is loaded or slides to, so that the octagon supports it there as the circle does.
+    corner is where a line from the point ``load`` along ``lean`` leaves the circle, so that the octagon
+    supports a load there as the circle does; its lowest point along ``n`` is one more corner.
 
     Returns the number of corners and the surface's normal (``n`` itself for segments of a capsule and
     points).
@@ -135,17 +135,16 @@ def face(p, n, lean, base, frames, pieces, rows, out):
     piece = pieces[p]
     frame = frames[int(piece[OWNER])]
     b = transposed_times(frame, ROTATION, n)
-    if piece[KIND] == HULL:
-        count, normal = _hull_face(piece, rows, b, out)
-    else:
-        count, normal = _lathe_face(piece, rows, b, transposed_times(frame, ROTATION, lean), out)
-    if count == 0:
-        put(out, 0, plus(core_point(piece, rows, b), times(piece[ROUNDING], b)))
-        count = 1
     start = minus(triple(frame, POSITION), base)
-    for k in range(count):
-        put(out, k, plus(start, matrix_times(frame, ROTATION, get(out, k))))
-    return count, matrix_times(frame, ROTATION, normal)
+    if piece[KIND] == HULL:
+        count, normal = _hull_face(piece, frame, start, rows, b, out)
+    else:
+        count, normal = _lathe_face(piece, frame, start, rows, b, lean, load, out)
+    if count > 0:
+        return count, normal
+    point = matrix_times(frame, ROTATION, core_point(piece, rows, b))
+    put(out, 0, plus(plus(start, point), times(piece[ROUNDING], n)))
+    return 1, n
 
 
 @inner
@@ -160,90 +159,122 @@ def _best_face(piece, rows, b):
 
 
 @inner
-def _hull_face(piece, rows, b, out):
-    """Write the face of a hull as `face`, in body axes."""
+def _hull_face(piece, frame, start, rows, b, out):
+    """Write the face of a hull as `face`, with ``b`` in body axes; without one the number is zero."""
     found = _best_face(piece, rows, b)
     first, last = int(piece[FIRST_POINT]), int(piece[LAST_POINT])
     if found >= 0:
-        normal, count = get(rows, found), 0
+        normal, count = matrix_times(frame, ROTATION, get(rows, found)), 0
+        start = plus(start, times(piece[ROUNDING], normal))
         for k in range(int(rows[found, CORNERS_FROM]), int(rows[found, CORNERS_TO])):
-            put(out, count, plus(get(rows, k), times(piece[ROUNDING], normal)))
+            put(out, count, plus(start, matrix_times(frame, ROTATION, get(rows, k))))
             count += 1
         return count, normal
+    n = matrix_times(frame, ROTATION, b)
     if last - first == 2:
         if abs(dot(unit(minus(get(rows, first + 1), get(rows, first))), b)) < _ALONG_CAPSULE:
-            put(out, 0, plus(get(rows, first), times(piece[ROUNDING], b)))
-            put(out, 1, plus(get(rows, first + 1), times(piece[ROUNDING], b)))
-            return 2, b
-    return 0, b
+            start = plus(start, times(piece[ROUNDING], n))
+            put(out, 0, plus(start, matrix_times(frame, ROTATION, get(rows, first))))
+            put(out, 1, plus(start, matrix_times(frame, ROTATION, get(rows, first + 1))))
+            return 2, n
+    return 0, n
 
 
 @inner
-def _lathe_face(piece, rows, b, lean, out):
-    """Write the face of a lathe as `face`, in body axes."""
+def _lathe_face(piece, frame, start, rows, b, lean, load, out):
+    """Write the face of a lathe as `face`, with ``b`` in body axes; without one the number is zero."""
     b = transposed_times(piece, AXES, b)
     x, y, s = meridian(piece, b)
     found = _best_face(piece, rows, (s, 0.0, b[2]))
     if found < 0:
-        return 0, matrix_times(piece, AXES, b)
+        return 0, (0.0, 0.0, 0.0)
     nr, nz = rows[found, 0], rows[found, 2]
     k = int(rows[found, CORNERS_FROM])
     rho = piece[ROUNDING]
     r0, z0 = rows[k, 0] + rho * nr, rows[k, 2] + rho * nz
     r1, z1 = rows[k + 1, 0] + rho * nr, rows[k + 1, 2] + rho * nz
     whole = piece[COS_HALF] <= -1.0
+    axis = matrix_times(frame, ROTATION, (piece[AXES + 2], piece[AXES + 5], piece[AXES + 8]))
+    away = matrix_times(frame, ROTATION, matrix_times(piece, AXES, (x, y, 0.0)))
+    o = plus(start, matrix_times(frame, ROTATION, triple(piece, ORIGIN)))
     if whole and abs(nr) < _UPRIGHT:
-        if s <= _UPRIGHT:  # it faces along n: the octagon's first corner lies where it is loaded
-            along = transposed_times(piece, AXES, lean)
-            length = math.sqrt(along[0] * along[0] + along[1] * along[1])
-            if length > _NO_DIRECTION:
-                x, y = along[0] / length, along[1] / length
-        count, normal = _octagon(max(r0, r1), z0, x, y, nz, out), (0.0, 0.0, nz)
-    elif not whole and nr < _UPRIGHT:
-        count, normal = _flat(piece, r0, z0, r1, z1, nr, nz, out)
-    else:
-        put(out, 0, (r0 * x, r0 * y, z0))
-        put(out, 1, (r1 * x, r1 * y, z1))
-        count, normal = 2, (nr * x, nr * y, nz)
-    origin = triple(piece, ORIGIN)
-    for c in range(count):
-        put(out, c, plus(origin, matrix_times(piece, AXES, get(out, c))))
-    return count, matrix_times(piece, AXES, normal)
+        center, normal = plus(o, times(z0, axis)), times(nz, axis)
+        return _octagon(max(r0, r1), center, normal, away, s > _UPRIGHT, lean, load, out), normal
+    if not whole and nr < _UPRIGHT:
+        return _flat(piece, frame, o, axis, r0, z0, r1, z1, nr, nz, lean, load, out)
+    put(out, 0, plus(o, plus(times(r0, away), times(z0, axis))))
+    put(out, 1, plus(o, plus(times(r1, away), times(z1, axis))))
+    return 2, plus(times(nr, away), times(nz, axis))
 
 
 @inner
-def _octagon(r, z, x, y, side, out):
-    """Write the corners of an octagon in a circle, the first one at the azimuth (x, y); return their number.
+def _where_load_leaves(r, center, n, away, lean, load):
+    """Return the unit vector from a disc's centre to where a load that moves along ``lean`` leaves the disc.
 
-    They go around counter-clockwise as seen from the ``side`` (1: above, -1: below).
+    Without a direction in the disc's plane it leads to the load, and ``away`` is the last resort.
     """
-    h = math.sqrt(0.5)
-    c, s = 1.0, 0.0
-    for k in range(8):
-        put(out, k, (r * (c * x - s * side * y), r * (c * y + s * side * x), z))
-        c, s = h * (c - s), h * (c + s)
-    return 8
+    c, along = minus(load, center), minus(lean, times(dot(lean, n), n))
+    c = minus(c, times(dot(c, n), n))
+    cc, length = dot(c, c), dot(along, along)
+    if length > _NO_DIRECTION * _NO_DIRECTION and cc < r * r:
+        t = dot(c, along) / length
+        c = plus(c, times(math.sqrt(t * t + (r * r - cc) / length) - t, along))
+        cc = dot(c, c)
+    if cc > _NO_DIRECTION * _NO_DIRECTION:
+        return times(1.0 / math.sqrt(cc), c)
+    return away
 
 
 @inner
-def _flat(piece, r0, z0, r1, z1, nr, nz, out):
-    """Write the four corners of a sector's surface that is flat between its ends, and return its normal.
+def _octagon(r, center, n, away, leans, lean, load, out):
+    """Write the octagon that stands for a disc as `face`; return the number of its corners.
 
-    Surfaces across the axis are flat; the ones that face the axis are chords.
+    They go around counter-clockwise as seen from the side of the normal ``n``. ``away`` leads to the lowest
+    point of a disc that ``leans``.
     """
+    h, count = math.sqrt(0.5), 0
+    u = times(r, _where_load_leaves(r, center, n, away, lean, load))
+    v, p = cross(n, u), times(r, away)
+    for _ in range(8):
+        put(out, count, plus(center, u))
+        count += 1
+        turned = times(h, plus(u, v))
+        v = times(h, minus(v, u))
+        if leans and dot(cross(u, p), n) > 0.0 and dot(cross(p, turned), n) > 0.0:
+            put(out, count, plus(center, p))
+            count += 1
+        u = turned
+    return count
+
+
+@inner
+def _flat(piece, frame, o, axis, r0, z0, r1, z1, nr, nz, lean, load, out):
+    """Write the corners of a sector's surface that is flat between its ends; return number and normal.
+
+    Surfaces across the axis are flat, and have a corner where the load leaves their outer arc; the ones that
+    face the axis are chords.
+    """
+    if r0 > r1:
+        r0, z0, r1, z1 = r1, z1, r0, z0
     cx, cy, ca, sa = piece[AZIMUTH], piece[AZIMUTH + 1], piece[COS_HALF], piece[SIN_HALF]
-    xa, ya, xb, yb = cx * ca + cy * sa, cy * ca - cx * sa, cx * ca - cy * sa, cy * ca + cx * sa
-    put(out, 0, (r0 * xa, r0 * ya, z0))
-    put(out, 1, (r0 * xb, r0 * yb, z0))
-    put(out, 2, (r1 * xb, r1 * yb, z1))
-    put(out, 3, (r1 * xa, r1 * ya, z1))
-    u, v = minus(get(out, 1), get(out, 0)), minus(get(out, 3), get(out, 0))
-    if r0 == 0.0:
-        u = minus(get(out, 2), get(out, 3))
-    normal = unit(cross(u, v))
-    if normal[0] * cx * nr + normal[1] * cy * nr + normal[2] * nz < 0.0:
+    middle = matrix_times(frame, ROTATION, matrix_times(piece, AXES, (cx, cy, 0.0)))
+    side = cross(axis, middle)
+    a, b = minus(times(ca, middle), times(sa, side)), plus(times(ca, middle), times(sa, side))
+    low, high, count = plus(o, times(z0, axis)), plus(o, times(z1, axis)), 3
+    put(out, 0, plus(low, times(r0, a)))
+    put(out, 1, plus(low, times(r0, b)))
+    put(out, 2, plus(high, times(r1, b)))
+    if abs(nr) < _UPRIGHT:
+        e = _where_load_leaves(r1, high, axis, middle, lean, load)
+        if dot(e, middle) > ca:
+            put(out, 3, plus(high, times(r1, e)))
+            count = 4
+    put(out, count, plus(high, times(r1, a)))
+    normal = unit(cross(minus(get(out, 2), get(out, count)), minus(get(out, count), get(out, 0))))
+    if dot(normal, middle) * nr + dot(normal, axis) * nz < 0.0:
         normal = times(-1.0, normal)
-        q = get(out, 1)
-        put(out, 1, get(out, 3))
-        put(out, 3, q)
-    return 4, normal
+        for k in range((count + 1) // 2):
+            p = get(out, k)
+            put(out, k, get(out, count - k))
+            put(out, count - k, p)
+    return count + 1, normal
