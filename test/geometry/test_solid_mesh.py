@@ -1,12 +1,15 @@
 """Solids: mass properties against closed forms, refusals, repairs."""
 
+import re
+
 import numpy as np
 import pytest
 import trimesh
 from example_meshes import MESHES, ball, joined, moved, raw, turned_inside_out
 
 from unc_physics.checks.errors import InvalidMeshError
-from unc_physics.geometry.solid_mesh import load_solid, make_solid, winding_number
+from unc_physics.geometry.primitives import primitive
+from unc_physics.geometry.solid_mesh import load_solid, make_solid, mesh_notes, winding_number
 
 ROUND_OFF = 1e-12
 
@@ -18,6 +21,13 @@ def test_box_has_the_closed_form():
     np.testing.assert_allclose(solid.inertia, np.diag([13.0, 10.0, 5.0]) / 12.0, atol=ROUND_OFF)
     np.testing.assert_allclose(solid.bounds, [[-0.5, -1.0, -1.5], [0.5, 1.0, 1.5]], atol=ROUND_OFF)
     assert solid.bounding_radius == pytest.approx(np.sqrt(3.5), rel=ROUND_OFF)
+
+
+@pytest.mark.parametrize(("radius", "length"), [(0.015, 0.1), (0.001, 1.0), (1e-6, 1e-6), (50.0, 1e-3)])
+def test_capsules_of_any_size_are_solids(radius, length):
+    solid = make_solid("capsule", *primitive("capsule", (radius, length)))
+    volume = np.pi * radius**2 * (length + 4.0 / 3.0 * radius)
+    assert 0.999 * volume < solid.volume < volume
 
 
 def test_components_and_cavities_add_up():
@@ -101,6 +111,35 @@ def test_repair_makes_a_solid_and_says_how(tmp_path, mesh, deed):
     assert any(repair.startswith(deed) for repair in repairs), repairs
     whole = make_solid("whole", *(raw(ball(1.0)) if mesh is inside_out else raw(trimesh.creation.box())))
     assert solid.volume == pytest.approx(whole.volume, rel=1e-7)  # the file's decimals
+    assert f", now {whole.volume:.4g}" in repairs[-1]
+
+
+UNITS = {
+    "centimetres": ("dae", '<unit name="centimeter" meter="0.01"/><up_axis>Z_UP</up_axis>', 0.01, ["0.01 m"]),
+    "turned": ("dae", "<unit meter='2'/><up_axis>Y_UP</up_axis>", 2.0, ["2 m", "says Y_UP"]),
+    "x up": ("dae", "<up_axis>X_UP</up_axis>", 1.0, ["says X_UP"]),
+    "nothing said": ("dae", "", 1.0, ["says no up_axis, which means Y_UP"]),
+    "millimetres": ("3mf", "", 0.001, ["3MF"]),
+    "glTF": ("glb", "", 1.0, ["y up"]),
+    "STL": ("stl", "", 1.0, []),
+}
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_files_that_state_a_unit_are_read_in_metres_and_their_axes_are_named(tmp_path, name):
+    suffix, asset, unit, said = UNITS[name]
+    path = tmp_path / f"box.{suffix}"
+    trimesh.creation.box([1.0, 2.0, 3.0]).export(path)
+    if suffix == "dae":
+        path.write_text(
+            re.sub("<asset>.*?</asset>", f"<asset>{asset}</asset>", path.read_text(), flags=re.DOTALL)
+        )
+    solid, _ = load_solid(path)
+    np.testing.assert_allclose(solid.bounds[1] - solid.bounds[0], unit * np.array([1.0, 2.0, 3.0]))
+    notes = mesh_notes(path)
+    assert len(notes) == len(said)
+    for note, part in zip(notes, said, strict=True):
+        assert part in note
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".off", ".obj", ".ply", ".glb"])
@@ -182,24 +221,54 @@ def overlapping(depth):
     return joined(*(cube.apply_transform(turn) for cube in cubes))
 
 
-def test_parts_that_overlap_are_refused_and_united_by_a_repair(tmp_path):
-    path = tmp_path / "cubes.stl"
-    trimesh.Trimesh(*overlapping(0.2), process=False).export(path)
-    with pytest.raises(InvalidMeshError, match=r"overlap: about [3-6]% of its volume .*\(a repair unites"):
-        load_solid(path)
-    solid, repairs = load_solid(path, repair=True)
-    assert solid.volume == pytest.approx(1.0 + 0.25 * 0.3, rel=1e-6)
-    assert repairs[-1] == "united 2 parts, which overlapped: the volume is 4.4% less"
+def boxes(*sizes_and_places):
+    return joined(*(moved(trimesh.creation.box(size), place) for size, place in sizes_and_places))
 
 
-def test_parts_that_share_an_edge_are_united(tmp_path):
-    """A bracket: the ends of both boxes are flush, so that an edge has four triangles."""
-    plate, post = trimesh.creation.box([0.1, 0.04, 0.02]), trimesh.creation.box([0.02, 0.04, 0.08])
-    path = tmp_path / "bracket.stl"
-    trimesh.util.concatenate([plate, moved(post, [-0.04, 0.0, 0.03])]).export(path)
+def bracket():
+    """The ends of both boxes are flush, so that an edge has four triangles."""
+    return boxes(([0.1, 0.04, 0.02], [0, 0, 0]), ([0.02, 0.04, 0.08], [-0.04, 0, 0.03]))
+
+
+CUBE = [1.0, 1.0, 1.0]
+UNIONS = {
+    "turned": (lambda: overlapping(0.2), 1.0 + 0.25 * 0.3, "-4.4%"),
+    "flush ends": (bracket, 0.1 * 0.04 * 0.02 + 0.02 * 0.04 * 0.06, "-11.1%"),
+    "aligned": (lambda: boxes((CUBE, [0, 0, 0]), (CUBE, [0.4, 0, 0])), 1.4, "-30.0%"),
+    "most of it common": (lambda: boxes((CUBE, [0, 0, 0]), (CUBE, [0.05, 0, 0])), 1.05, "-47.5%"),
+    "aligned in a row": (
+        lambda: boxes((CUBE, [0, 0, 0]), (CUBE, [0.4, 0, 0]), (CUBE, [0.8, 0, 0])),
+        1.8,
+        "-40.0%",
+    ),
+    "flush inside": (lambda: boxes((CUBE, [0, 0, 0]), ([0.5, 0.5, 0.5], [0.25, 0.25, 0.25])), 1.0, "-11.1%"),
+}
+
+
+@pytest.mark.parametrize("name", UNIONS)
+def test_parts_that_overlap_are_refused_and_united_by_a_repair(tmp_path, name):
+    """Also where they have faces in common, and where most of one part is in the other."""
+    make, volume, change = UNIONS[name]
+    path = tmp_path / "parts.stl"
+    trimesh.Trimesh(*make(), process=False).export(path)
+    with pytest.raises(InvalidMeshError, match=r"overlap: about \d+% of its volume .*\(a repair unites"):
+        make_solid("parts", *make())
     solid, repairs = load_solid(path, repair=True)
-    assert solid.volume == pytest.approx(0.1 * 0.04 * 0.02 + 0.02 * 0.04 * 0.06, rel=1e-6)
-    assert repairs[-1] == "united 2 parts, which overlapped: the volume is 11.1% less"
+    assert solid.volume == pytest.approx(volume, rel=1e-6)
+    assert repairs[-2].startswith("united") and repairs[-1].endswith(f"({change})")
+
+
+def test_parts_that_share_a_whole_face_are_one_solid_after_a_repair(tmp_path):
+    """Their common wall goes; of a surface whose triangles have two sides, one side stays."""
+    path = tmp_path / "row.stl"
+    cube = trimesh.creation.box()
+    mirrored = trimesh.Trimesh([1.0, 0.0, 0.0] - cube.vertices * [1.0, -1.0, -1.0], cube.faces[:, ::-1])
+    trimesh.util.concatenate([cube, mirrored]).export(path)
+    solid, _ = load_solid(path, repair=True)
+    assert solid.volume == pytest.approx(2.0, rel=1e-6) and len(solid.corners) == 20
+    trimesh.util.concatenate([cube, turned_inside_out(cube)]).export(path)
+    solid, _ = load_solid(path, repair=True)
+    assert solid.volume == pytest.approx(1.0, rel=1e-6) and len(solid.corners) == 12
 
 
 def test_parts_that_touch_are_no_overlap(tmp_path):

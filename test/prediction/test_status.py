@@ -14,13 +14,14 @@ from twins.states import boxminus
 
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, load_scene, make_propagator, predict
 from unc_physics.__main__ import main
+from unc_physics.geometry.primitive_models import ball
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnostics import RULES, mean_pose_errors
 from unc_physics.prediction.evidence import Evidence, initial_diagnostics
 from unc_physics.prediction.notes import few_spheres
 from unc_physics.prediction.status import assess, assess_all
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
-from unc_physics.scene.environment import Box, Plane
+from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane
 from unc_physics.scene.scene_file import scene_from_dict
 from unc_physics.spatial.moments import pose_spreads
 
@@ -351,6 +352,24 @@ def test_a_note_about_few_spheres_is_about_what_may_meet_them():
     assert text is not None and f"sinks by up to {1e3 * mug.sink:.1f} mm" in text
     enough = [RigidBody(name, load_model("mug")) for name in ("mug", "other")]
     assert few_spheres(Scene.everyday(enough, exact=True), 0) is None
+
+
+def test_a_note_about_few_spheres_of_a_box_needs_something_small():
+    """600 spheres of a cube of 200 mm let a ball of 10 mm sink in; no other body does, and no table."""
+    loss = {"measured_spheres": [1], "extent_losses": [0.0], "sinks": [0.005]}
+    large = replace(ball(0.1), **loss)  # a cube takes half a minute to pack
+    big, other = (RigidBody(name, large, 1.0) for name in ("big", "other"))
+    marble, stick = RigidBody("marble", ball(0.01), 0.01), Capsule(0.01, 0.1, position=(1, 0, 0))
+    table, post = Box((1, 1, 0.02), position=(0, 0, -0.2)), Cylinder(0.05, 0.1, position=(1, 0, 0))
+    for bodies, environment, noted in (
+        ([big], [table, post], False),
+        ([big, other], [table], False),
+        ([big, other, marble], [table], True),
+        ([big], [stick], True),
+    ):
+        text = few_spheres(Scene.everyday(bodies, exact=True, environment=environment), 0)
+        assert (text is not None) == noted
+        assert text is None or ("sinks by up to 5.0 mm" in text and "auto" not in text)
 
 
 @pytest.mark.parametrize("name", ["sigma_points", "cloud", "linearization", "auto"])

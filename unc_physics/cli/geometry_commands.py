@@ -133,7 +133,7 @@ def run_pack(arguments: argparse.Namespace) -> int:
 
     from ..checks.errors import InvalidMeshError, InvalidOptionError
     from ..descriptions.reading import is_description
-    from ..geometry.solid_mesh import load_solid
+    from ..geometry.solid_mesh import load_solid, mesh_notes
 
     _check_positive("-n", arguments.spheres)
     for option in ("scale", "mass"):
@@ -159,10 +159,12 @@ def run_pack(arguments: argparse.Namespace) -> int:
             raise InvalidMeshError(problem, field=error.field, value=error.value) from None
         for repair in repairs:
             print(f"repair: {printable(repair)}")
+        for line in mesh_notes(Path(arguments.mesh)):
+            note(line)
     solid = replace(solid.scaled(arguments.scale), name=name)
     about |= {"largest_first": arguments.largest_first}
     _pack(solid, arguments.spheres, arguments.threads, output, **about)
-    _note_units(solid, arguments.mesh, arguments.scale)
+    _note_units(solid, arguments.scale)
     return 0
 
 
@@ -179,8 +181,8 @@ def _link_solid(file, link, arguments, about):
     return solid, own | {key: value for key, value in about.items() if value is not None}
 
 
-def _note_units(solid, file, scale):
-    """Print a note if a body's size or file format suggests another unit or axis."""
+def _note_units(solid, scale):
+    """Print a note if a body's size suggests another unit."""
     size = 1e3 * float((solid.bounds[1] - solid.bounds[0]).max())
     if size > _LARGE:
         meant = size * 1e-3
@@ -192,11 +194,6 @@ def _note_units(solid, file, scale):
         note(
             f"the body is {size:.3g} mm long: is the mesh in metres already?"
             f" --scale {plain_digits(1e3 * scale)} makes it {plain_digits(1e3 * size)} mm"
-        )
-    if Path(file).suffix.lower() in (".gltf", ".glb"):
-        note(
-            "glTF files are in metres, with y up by convention; where z is up, turn the body by orientation:"
-            " [0.7071068, 0, 0, 0.7071068]"
         )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
+import re
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,10 +18,14 @@ from ..checks.memory import require_memory
 from .packing_file import check_inertia
 
 _BYTES_PER_BYTE = 30.0  # of memory, for each of a mesh's file
+#: Formats that state their unit; trimesh reads it.
+_WITH_UNIT = {".3mf": "millimeter", ".dae": "meter", ".glb": "meter", ".gltf": "meter"}
+_TURN = "where z is up, turn the body by orientation: [0.7071068, 0, 0, 0.7071068]"
 _ARCHIVES = {"bz2", "gz", "tar.bz2", "tar.gz", "zip"}  # that trimesh unpacks, however much is in them
 FLAT = 1e-12  # of the cube of the size: less volume than this is none
 _PROBES, _PROBE_WORK = (40, 200), 2e7  # points on a surface, and points times triangles, that crossings cost
-_BELOW = 1e-9  # of the size, below the surface
+_BELOW = 1e-9  # of the size, below the surface or above it
+_FACES = 24  # of a component, at which it is checked what is around it
 _UNITES = "(a repair unites the parts with trimesh.boolean.union)"
 _CROSSED = 0.02  # of the surface, that may cross the rest: ears and seams spoil no volume
 _TWICE = 0.01  # of the volume, that may count twice: handles may reach a little into walls
@@ -74,7 +80,9 @@ class SolidMesh:
 
 
 def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[SolidMesh, list[str]]:
-    """Read a mesh file of any format that trimesh reads; its coordinates are taken as metres.
+    """Read a mesh file of any format that trimesh reads.
+
+    Coordinates are metres, unless the file states another unit (COLLADA, 3MF).
 
     Parameters
     ----------
@@ -115,8 +123,9 @@ def load_solid(path: str | os.PathLike[str], repair: bool = False) -> tuple[Soli
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
-    """Return vertices (n, 3) and triangles (m, 3) of a mesh file, and the file's SHA-256.
+    """Return vertices (n, 3) [m] and triangles (m, 3) of a mesh file, and the file's SHA-256.
 
+    Coordinates of formats without a unit are taken as metres. Axes are those of the file.
     Raises `InvalidMeshError` or `LimitExceededError` if it is no mesh, or larger than the memory allows.
     """
     import trimesh
@@ -132,6 +141,8 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
         data = path.read_bytes()
         mesh = trimesh.load_mesh(path, process=False)
         vertices, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+        if path.suffix.lower() in _WITH_UNIT:
+            vertices = vertices * mesh_unit(path, mesh.units)
     except UncPhysicsError:
         raise
     except OSError as error:
@@ -142,6 +153,42 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
             f"is no mesh of a format that trimesh reads: {reason}", field=f"mesh {path}"
         ) from error
     return vertices, faces, hashlib.sha256(data).hexdigest()
+
+
+def mesh_unit(path: Path, stated: str | None) -> float:
+    """Return the unit of a mesh file's coordinates [m]; ``stated`` is the name of the unit in the file."""
+    import trimesh
+
+    if path.suffix.lower() == ".dae":
+        found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)", _collada_asset(path))
+        return float(found.group(1)) if found else 1.0
+    return trimesh.units.unit_conversion(stated or _WITH_UNIT[path.suffix.lower()], "meters")
+
+
+def mesh_notes(path: Path) -> list[str]:
+    """Return lines about a mesh file's unit and axes: what the file says, and how it is read."""
+    suffix = path.suffix.lower()
+    if suffix in (".gltf", ".glb"):
+        return [f"glTF files are in metres, with y up by convention; {_TURN}"]
+    if suffix == ".3mf":
+        return ["3MF files state their unit, millimetres by default: coordinates are converted to metres"]
+    if suffix != ".dae":
+        return []
+    unit, axis = mesh_unit(path, None), re.search(rb"<up_axis>\s*(\w+)", _collada_asset(path))
+    notes = []
+    if unit != 1.0:
+        notes.append(f"the COLLADA file has a unit of {unit:g} m: coordinates are converted to metres")
+    up = axis.group(1).decode("ascii", "replace") if axis else "Y_UP"
+    if up != "Z_UP":
+        said = "says" if axis else "says no up_axis, which means"
+        notes.append(f"the COLLADA file {said} {up}: its axes are taken as they are, as RViz does; {_TURN}")
+    return notes
+
+
+def _collada_asset(path):
+    """Return the element of a COLLADA file that states its unit and axis."""
+    found = re.search(rb"<asset\b.*?</asset>", path.read_bytes(), re.DOTALL)
+    return found.group(0) if found else b""
 
 
 def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
@@ -252,19 +299,22 @@ def check_outside_out(points, faces):
     np.minimum.at(low, label, corner.min(axis=1))
     np.maximum.at(high, label, corner.max(axis=1))
     for k in np.flatnonzero(np.abs(volumes) > FLAT):
-        own = corner[label == k].mean(axis=1)
-        probes = own[np.linspace(0, len(own) - 1, min(len(own), 9)).astype(int)]
+        own = corner[label == k]
+        own = own[np.linspace(0, len(own) - 1, min(len(own), _FACES)).astype(int)]
+        normals = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
+        # beside the surface, on its convex side: on a face that components share the number is not defined
+        away = np.sign(volumes[k]) * _BELOW * normals
+        probes = own.mean(axis=1) + away / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         inside = np.zeros(len(probes))
         for other in np.flatnonzero(np.all((low <= high[k]) & (high >= low[k]), axis=1)):
             if other != k:
                 inside += winding_number(corner[label == other], probes)
-        winding = float(np.median(inside))
-        if volumes[k] < 0.0 and winding < 0.75:
+        if volumes[k] < 0.0 and np.median(inside) < 0.75:
             raise InvalidMeshError(
                 f"has a component ({np.sum(label == k)} of {len(faces)} triangles) that is inside "
                 "out and no cavity of another (a repair turns it with trimesh.repair.fix_inversion)"
             )
-        if volumes[k] > 0.0 and winding > 0.75:
+        if volumes[k] > 0.0 and inside.min() > 0.75:
             raise InvalidMeshError(
                 f"has a component ({np.sum(label == k)} of {len(faces)} triangles) inside another, "
                 "so that its volume would count twice (unite them first; a cavity is wound the "
@@ -331,14 +381,17 @@ def check_overlaps(points, faces):
 
 
 def components(faces, count):
-    """Return the number of the connected component of each triangle (m,)."""
+    """Return the number of the component of each triangle (m,); triangles of one share edges."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    row, column = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    graph = coo_array((np.ones(len(row), dtype=np.int8), (row, column)), shape=(count, count))
-    label = connected_components(graph, directed=False)[1][faces[:, 0]]
-    return np.unique(label, return_inverse=True)[1].reshape(-1)
+    ends = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges = ends[:, 0] * count + ends[:, 1]
+    order = np.argsort(edges, kind="stable")
+    same = np.flatnonzero(edges[order[1:]] == edges[order[:-1]])
+    pairs = order[same] // 3, order[same + 1] // 3
+    graph = coo_array((np.ones(len(same), dtype=np.int8), pairs), shape=(len(faces), len(faces)))
+    return connected_components(graph, directed=False)[1]
 
 
 def winding_number(corners, probes):
@@ -376,10 +429,12 @@ def repaired(vertices, faces):
     _check_triangles(vertices, faces)
     middle, _, unit = normalization(vertices)
     mesh = trimesh.Trimesh((vertices - middle) / unit, faces, process=False)
-    did = []
+    did: list[str] = []
+    volume = mesh.volume
     before = len(mesh.vertices), len(mesh.faces)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
+    mesh.update_faces(mesh.nondegenerate_faces())
+    mesh.update_faces(_single_faces(mesh.faces))
     mesh.remove_unreferenced_vertices()
     if len(mesh.vertices) < before[0]:
         did.append(f"merged {before[0]} vertices into {len(mesh.vertices)}")
@@ -395,6 +450,11 @@ def repaired(vertices, faces):
     if turned:
         did.append(f"turned {turned} triangles round")
     mesh = _with_united_parts(mesh, did)
+    if did:
+        share = f" ({mesh.volume / volume - 1.0:+.1%})" if volume > FLAT else ""
+        did.append(
+            f"volume in units of the mesh: {volume * unit**3:.4g}, now {mesh.volume * unit**3:.4g}{share}"
+        )
     return np.asarray(mesh.vertices) * unit + middle, np.asarray(mesh.faces, dtype=np.int64), did
 
 
@@ -410,11 +470,27 @@ def _with_united_parts(mesh, did):
     except InvalidMeshError as error:
         if _UNITES not in error.problem or find_spec("manifold3d") is None:
             return mesh
-        before, volume = len(parts), mesh.volume
-        mesh = trimesh.boolean.union(parts, engine="manifold")
-        less = 1.0 - mesh.volume / volume
-        did.append(f"united {before} parts, which overlapped: the volume is {less:.1%} less")
+        with contextlib.suppress(ValueError):  # a part is open, or its faces are at edges of another part
+            mesh = trimesh.boolean.union(parts, engine="manifold")
+            did.append(f"united {len(parts)} parts, which overlapped")
     return mesh
+
+
+def _single_faces(faces):
+    """Return which triangles (m,) stay if each stands once, and none where two parts touch.
+
+    Two opposite triangles are a wall between parts if the surface is closed without them, and else the two
+    sides of one surface.
+    """
+    _, first, index = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True)
+    index = index.reshape(-1)
+    ordered = lowest_first(faces)
+    once = np.zeros(len(faces), dtype=bool)
+    once[first] = True
+    wound = np.bincount(index, weights=np.where(ordered[:, 1] < ordered[:, 2], 1.0, -1.0))
+    apart = once & (wound[index] != 0.0)
+    closed = apart.any() and np.all(edge_balance(faces[apart])[0] % 2 == 0)
+    return apart if closed else once
 
 
 def lowest_first(faces):

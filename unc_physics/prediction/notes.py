@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from ..geometry.packing_file import EXTENT_LOSS, SINK
-from ..scene.environment import may_meet
+from ..scene.environment import Capsule, Cylinder, Sphere
 from ..scene.scene import Scene
 
 _SMOOTH = 2e-4  # m; bumps above change how far a round body rolls
-_ENOUGH = "take all of its model (in a scene file spheres: auto takes enough), or pack it with more"
+_SMALL = 0.015  # m; bodies without a larger ball inside may sink in between spheres, as a ball of 10 mm does
+_ENOUGH = "take all spheres of its model, or pack its mesh with more (pack -n)"
 
 
 def few_spheres(scene: Scene, body: int) -> str | None:
@@ -22,7 +23,7 @@ def few_spheres(scene: Scene, body: int) -> str | None:
     if loss is not None and loss > EXTENT_LOSS:
         spheres = "1 sphere, which reaches" if count == 1 else f"{count} spheres, which reach"
         return f"has {spheres} up to {1e3 * loss:.1f} mm less far than its mesh; {_ENOUGH}"
-    if sink is None or sink <= SINK or not may_meet(len(scene.bodies), scene.environment):
+    if sink is None or sink <= SINK or not _has_small_parts(scene, body):
         return None
     bumps = ""
     if loss is not None and loss > _SMOOTH:
@@ -31,3 +32,10 @@ def few_spheres(scene: Scene, body: int) -> str | None:
     return (
         f"has {count} spheres, between which a ball of 10 mm radius sinks by up to {depth}{bumps}; {_ENOUGH}"
     )
+
+
+def _has_small_parts(scene, body):
+    """Return whether another body or a round element is small or thin, so that it may sink in."""
+    others = [other.model.radii.max() for k, other in enumerate(scene.bodies) if k != body]
+    round_ = [element for element in scene.environment if isinstance(element, (Capsule, Cylinder, Sphere))]
+    return min([*others, *(element.radius for element in round_)], default=_SMALL) < _SMALL
