@@ -6,7 +6,6 @@ from plain_scenes import BALL, BLOCK, G, independent, state
 from scipy.stats import norm
 
 from unc_physics import (
-    AtRest,
     Belief,
     Box,
     BoxRegion,
@@ -93,21 +92,6 @@ def test_what_was_stopped_stands(thrown):
     assert 0.0 < table < other < 0.4  # the lower one, then the upper one on it
     assert flights.known_until[0].tolist() == [table, other]
     np.testing.assert_array_equal(flights.states[0, 0], still.states[0, 0])
-
-
-def test_what_lies_on_a_table_stays_there(thrown):
-    scene, belief = thrown
-    lying = Belief(belief.mean, 1e-8 * np.tile(np.eye(12), (2, 1, 1)))
-    prediction = predict(scene, lying, make_propagator("monte_carlo", samples=300), 3.0)
-    on_table = BoxRegion("on the table", (0.6, 0.6, 0.4), (0, 0, 0.2))
-    on_floor = BoxRegion("on the floor", (9.0, 9.0, 0.4), (0, 0, -0.5))
-    for name in ("near", "edge"):
-        assert prediction.probability(AtRest(name)).estimate > 0.95
-    assert prediction.probability(InRegion("near", on_table)).estimate > 0.95
-    assert prediction.probability(InRegion("near", on_floor)).estimate < 0.05
-    points = predict(scene, lying, "sigma_points", 3.0, events=[AtRest("near")])
-    found = points.probability(AtRest("near"))  # flights end at the table, so the Gaussian answers
-    assert (found.low, found.estimate, found.high) == (0.0, 1.0, 1.0)
 
 
 def test_rollouts_of_scenes_with_actions_have_uncertain_friction():

@@ -130,6 +130,8 @@ def test_trajectories_hold_each_time(tumbling):
             r"time is no time of the prediction, of which 0.1 s is the nearest; .* \(got 0.05\)",
         ),
         (lambda p: p.body("mug", origin="com"), "origin must be one of center_of_mass, model"),
+        *((lambda p, n=n: p.samples(n), "count must be") for n in (0, -1, 2.5, True, "all")),
+        (lambda p: p.samples(4001), r"count must be at most the 4000 samples .*4001"),
         (lambda p: p["mug"].covariance("body"), "convention must be one of ros, error_state"),
         (lambda p: p["mug"].status(rollouts=1), r"rollouts must be 0, or at least 2 \(got 1\)"),
         (lambda p: p["mug"].status(rollouts=-3), r"rollouts must be at least 0 \(got -3\)"),

@@ -8,12 +8,10 @@ from example_scenes import two_bodies
 from scipy.stats import binomtest
 
 from unc_physics import (
-    PROPAGATORS,
     AtRest,
     Belief,
     BodyBelief,
     BoxRegion,
-    FellOff,
     InRegion,
     Plane,
     RigidBody,
@@ -103,28 +101,6 @@ def test_events_with_the_same_arguments_are_equal():
         "left"
     )
     assert TOUCH & AtRest("left") == TOUCH & AtRest("left") != TOUCH | AtRest("left")
-
-
-def test_every_propagator_estimates_every_event_at_every_time():
-    scene, belief, _ = grazing(0.7)
-    events = [TOUCH, AtRest("left"), Upright("right"), FellOff("left"), InRegion("left", HERE)]
-    events += [~TOUCH | AtRest("left"), TOUCH & InRegion("right", HERE)]
-    for name, kind in PROPAGATORS.items():
-        few = {"samples": 50} if "samples" in kind.options() else {}
-        propagator = make_propagator(name, **few)
-        without = predict(scene, belief, propagator, times=[0.5, 1.0, 2.0])
-        prediction = predict(scene, belief, propagator, times=[0.5, 1.0, 2.0], events=events)
-        for time in prediction.times:
-            end = predict(scene, belief, propagator, time, events=events)
-            for event in events:
-                found = prediction.probability(event, time=time)
-                assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0 and found.rollouts > 0
-                if name != "auto":  # which takes as many rollouts as the horizon needs
-                    assert found == end.probability(event)
-                alone = without.probability(event, time=time)
-                if alone.method == "gaussian":
-                    assert (alone.low, alone.high) == (0.0, 1.0)
-                    assert found.method == "flights" or found == alone
 
 
 def test_the_gaussian_answers_where_flights_decide_nothing():

@@ -11,7 +11,6 @@ from example_scenes import CONTENTS
 
 from unc_physics import ErrorCode, make_propagator, predict
 from unc_physics.__main__ import main
-from unc_physics.checks.errors import InvalidRequestError, LimitExceededError
 
 HORIZON = 0.3  # s
 
@@ -44,23 +43,9 @@ def test_monte_carlo_s_are_of_the_model_s_centre_of_mass(loaded):
 
 
 def test_others_are_drawn_from_the_gaussian_with_the_seed(loaded):
-    for propagator, options in (("sigma_points", {}), ("local_sampling", {"seed": 5})):
-        prediction = predicted(loaded, propagator=propagator, **options)
-        assert prediction.at().samples is None
-        rng = np.random.default_rng(options.get("seed", 0))
-        np.testing.assert_array_equal(prediction.samples(10), prediction.belief.sample(10, rng))
-
-
-def test_too_many_or_too_few_name_the_count(loaded):
-    own, gaussian = predicted(loaded, propagator="monte_carlo", samples=5), predicted(loaded)
-    with pytest.raises(LimitExceededError, match="count must be at most the 5 samples .*6"):
-        own.samples(6)
-    for prediction in (own, gaussian):
-        for count in (0, -1, 2.5, True, "all"):
-            with pytest.raises(InvalidRequestError, match="count"):
-                prediction.samples(count)
-    with pytest.raises(InvalidRequestError, match="count must be given: sigma_points"):
-        gaussian.samples()
+    prediction = predicted(loaded, propagator="local_sampling", seed=5)
+    drawn = prediction.belief.sample(10, np.random.default_rng(5))
+    np.testing.assert_array_equal(prediction.samples(10), drawn)
 
 
 # -- the command -------------------------------------------------------------------------------------

@@ -14,7 +14,6 @@ BOX = load_model("salt_box").prefix(200)
 MUG = load_model("mug").prefix(200)
 TILTED = np.array((0.3, 0.2, 0.1, 0.9)) / np.linalg.norm((0.3, 0.2, 0.1, 0.9))
 FLOOR = (Plane(),)
-SHELF = Box((0.4, 0.4, 0.005), (0, 0, -0.0025), name="shelf")
 
 
 def certain(scene, *states):
@@ -71,16 +70,6 @@ def test_what_ends_inside_a_fixed_body_is_not_converged():
     for into, inside in ((1.02, ""), (2.98, "a")):  # bodies that move have room to part
         found = assess(with_states(prediction, push(into)))
         assert "".join(s.body for s in found if says(s, "penetration_share")) == inside
-
-
-def test_points_are_looked_at_one_by_one():
-    scene, x = resting()
-    prediction = predict(scene, Belief(x[None], 1e-8 * np.eye(12)[None]), "sigma_points", 0.1)
-    assert assess(prediction)[0].measures["penetration_share"] == 0.0
-    prediction.carry.states[1, 0, 2] -= 0.02
-    count = len(prediction.carry.states)
-    (status,) = assess(replace(prediction, snapshots=(replace(prediction.at()),)))  # judged anew
-    assert status.measures["penetration_share"] == pytest.approx(1.0 / count)
 
 
 @pytest.mark.parametrize("overlap", ["project", "keep"])

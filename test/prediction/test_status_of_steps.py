@@ -271,20 +271,6 @@ def test_points_of_a_fast_gyroscopic_body_are_compared():
 DUMBBELL = packing("dumbbell", [[0.1, 0, 0], [-0.1, 0, 0]], [0.05, 0.04], 0.01 * np.eye(3))
 
 
-@pytest.mark.parametrize("std", [0.0, 0.002, 0.02])
-@pytest.mark.parametrize("everyday", [False, True])
-@pytest.mark.parametrize("name", EXPLICIT)
-def test_bodies_in_the_same_place_are_flagged(name, everyday, std):
-    """Without a direction nothing pushes them apart. The second and third have radii of 2 to 1."""
-    bodies = [
-        RigidBody(f"body {k}", model, 1.0) for k, model in enumerate((CAN.prefix(100), ball(0.04), SMALL))
-    ]
-    scene = Scene.everyday(bodies, exact=True) if everyday else scene_of(*bodies, stiffness=1e4)
-    belief = independent(state((2, 0, 0)), state((1, 1, 1)), state((1, 1, 1)), position=std)
-    found = assess(predict(scene, belief, name, 0.1))
-    assert [bool(status.flags & Status.INITIAL_OVERLAP) for status in found] == [False, True, True]
-
-
 @pytest.mark.parametrize("everyday", [False, True])
 @pytest.mark.parametrize(
     ("models", "apart", "std", "flags"),

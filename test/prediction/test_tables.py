@@ -5,9 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from plain_scenes import BALL, ball, state
 
 from unc_physics import Belief, Box, RigidBody, Scene, make_propagator, predict
+from unc_physics.__main__ import main
 from unc_physics.prediction.tables import FEW_LINES, as_table, why_no_pose
 
 
@@ -83,3 +85,34 @@ def test_a_spread_beyond_the_scene_has_a_reason_in_place_of_a_pose(walls, gravit
         assert [why_no_pose(one, 0, k) is not None for k in range(3)] == [False, missing, False]
         assert ("exceeds the size of the scene, " in str(one)) == missing
         assert why_no_pose(replace(one, propagator=make_propagator("sigma_points")), 0, 1) is None
+
+
+def test_the_command_says_where_the_prediction_began_and_by_which_physics(tmp_path, capsys):
+    body = {"model": "brick", "spheres": 60, "position_std": [0.01, 0.01, 0.0]}
+    content = {
+        "physics": "everyday",
+        "exact": True,
+        "horizon": 0.02,
+        "common_pose_std": [0.02, 0, 0, 0, 0, 0],
+        "environment": [{"plane": {"normal": [0, 0, 1]}}],
+        "bodies": [
+            body | {"name": "standing", "mass": 0.5, "position": [0, 0, 0.04], "at_rest": True},
+            body | {"name": "flying", "mass": 0.5, "position": [0, 0, 1], "linear_velocity": [0, 1, 0]},
+            {"name": "post", "model": "brick", "spheres": 60, "position": [1, 0, 0.1], "fixed": True},
+        ],
+    }
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(content))
+    assert main(["predict", str(path), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    standing, flying, post = answer["bodies"]
+    physics = answer["physics"]
+    assert (physics["integrator"], physics["dt"], physics["overlap"]) == ("implicit", 1.0 / 240.0, "project")
+    assert [body["at_rest"] for body in (standing, flying, post)] == [True, False, False]
+    for key in ("position", "orientation", "linear_velocity", "angular_velocity"):
+        assert len(standing["start"][key]) == len(standing[key])
+    assert np.allclose(flying["start"]["position"], [0, 0, 1])
+    assert np.allclose(flying["start"]["linear_velocity"], [0, 1, 0])
+    assert flying["start"]["covariance"][0][0] == pytest.approx(0.01**2 + 0.02**2)
+    assert post["start"]["covariance"] is None
+    assert not np.any(standing["start"]["linear_velocity"])

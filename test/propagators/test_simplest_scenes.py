@@ -84,7 +84,8 @@ def flying(physics, names, **more):
     models, masses, mean = zip(*(FLIERS[name] for name in names), strict=True)
     scene = PHYSICS[physics]([RigidBody(*body) for body in zip(names, models, masses, strict=True)], **more)
     mean = np.array(mean)
-    return Case(scene, mean, flight(scene, mean), flown(len(names)), (0.1, 0.3), SECOND_ORDER, NOTHING)
+    times = (0.1, 0.3) if physics == "paper" else (0.01, 0.3331)  # between time steps, where they may be
+    return Case(scene, mean, flight(scene, mean), flown(len(names)), times, SECOND_ORDER, NOTHING)
 
 
 def flight(scene, mean):
@@ -93,8 +94,9 @@ def flight(scene, mean):
     def closed_form(time):
         dt = scene.dt
         powers = np.exp(-scene.damping * dt) ** np.arange(round(time / dt) + 1)
-        decay, reach = powers[-1], dt * powers[:-1].sum()
-        sink = dt**2 * np.cumsum(powers)[:-2].sum() if scene.integrator == "explicit" else 0.5 * time**2
+        decay, reach, sink = powers[-1], time, 0.5 * time**2
+        if scene.integrator == "explicit":
+            reach, sink = dt * powers[:-1].sum(), dt**2 * np.cumsum(powers)[:-2].sum()
         end, A = mean.copy(), np.tile(np.eye(12), (len(mean), 1, 1))
         end[:, :3] += reach * mean[:, 3:6] + sink * scene.gravity
         end[:, 3:6] = decay * mean[:, 3:6] + reach * scene.gravity

@@ -108,8 +108,7 @@ def points_at_origins(belief: Belief, points: np.ndarray, odd: np.ndarray, origi
     gaussian = gaussian_at_origins(belief, origins)
     if not len(belief.moving):
         return gaussian
-    errors = odd.reshape(len(odd), -1)
-    errors = np.concatenate([np.zeros((1, errors.shape[1])), errors, -errors])
+    errors = np.concatenate([np.zeros((1, *odd.shape[1:])), odd, -odd]).reshape(2 * len(odd) + 1, -1)
     linear = spread_states(belief.mean.copy(), belief.moving.copy(), errors)
     found, without = (states_at_origins(belief, states, origins) for states in (points, linear))
     mean = gaussian.mean + found.mean - without.mean
