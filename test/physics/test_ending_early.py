@@ -17,7 +17,7 @@ def wait_for(limit, seconds=100.0):
 
 def test_flags_are_raised_when_their_times_are_up_in_any_order():
     late, soon = TimeLimit(), TimeLimit()
-    late.within(60.0)
+    late.within(1e6)
     started = time.monotonic()
     soon.within(0.05)
     assert wait_for(soon) and time.monotonic() - started > 0.04
@@ -27,11 +27,11 @@ def test_flags_are_raised_when_their_times_are_up_in_any_order():
 
 
 def test_a_time_that_was_set_anew_or_taken_back_raises_no_flag():
-    limit = TimeLimit()
-    limit.within(0.5)  # longer than a busy machine takes for the next line
-    limit.within(60.0)
-    time.sleep(0.6)
-    assert not limit.passed
+    limit, later = TimeLimit(), TimeLimit()
+    limit.within(0.05)  # if it is up before the next line, the flag is taken back
+    limit.within(1e6)
+    later.within(0.1)
+    assert wait_for(later) and not limit.passed
 
 
 def test_a_computation_that_has_ended_is_not_kept_until_its_time():

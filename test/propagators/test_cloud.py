@@ -173,30 +173,6 @@ def test_times_share_a_surface_where_the_same_bodies_have_met(loaded, monkeypatc
 # -- the propagator ----------------------------------------------------------------------------------
 
 
-def test_free_flight_is_exact_however_many_directions(loaded):
-    """24 uncertain directions and 12 rollouts: the closed form, not the surface."""
-    scene, belief, _ = loaded("two_bodies")
-    root = 0.01 * np.random.default_rng(0).standard_normal((24, 24))
-    far = Belief(belief.mean + 100.0 * np.eye(2, 13), root @ root.T)
-    found = predict(scene, far, make_propagator("cloud", runs=12), 1.0)
-    exact = predict(scene, far, "linearization", 1.0).belief
-    np.testing.assert_allclose(found.belief.joint, exact.joint, atol=5e-3 * exact.joint.max())
-    assert "surface_error" not in assess(found)[0].measures
-
-
-def test_few_rollouts_are_nearer_to_the_truth_than_as_many_samples(loaded):
-    """Errors of means over their standard deviations, after a collision; 32 against 32, over seeds."""
-    scene, belief, _ = loaded("two_bodies")
-    truth = predict(scene, belief, make_propagator("monte_carlo", samples=4000, seed=9), 1.5).belief
-    std = np.sqrt(np.diagonal(truth.blocks, axis1=1, axis2=2))[:, :3]
-
-    def error(name, **options):
-        found = [predict(scene, belief, make_propagator(name, seed=k, **options), 1.5) for k in range(6)]
-        return np.sqrt(np.mean([((f.belief.mean - truth.mean)[:, :3] / std) ** 2 for f in found]))
-
-    assert error("cloud", runs=32) < 0.5 * error("monte_carlo", samples=32)
-
-
 @pytest.mark.parametrize("name", ["cloud", "auto"])
 def test_bodies_that_overlap_in_empty_space_keep_their_common_motion(name):
     """Removal of overlap does not notice it: it is that of two free bodies, as of Monte Carlo."""
@@ -235,19 +211,6 @@ def test_what_is_fitted_is_fitted_once_and_goes_with_its_carry(loaded, monkeypat
     assert len(fits) == len(prediction.carry.moments) == len(prediction.carry.errors) == 1
     later = prediction.propagator.advance(prediction.carry, prediction.scene, 1)
     assert not later.moments and not later.errors, "other states begin without"
-
-
-def test_an_interval_counts_rollouts(loaded):
-    """All of 32 rollouts touch, which leaves less sure than all of 1 000 samples would."""
-    scene, belief, _ = loaded("two_bodies")
-    prediction = predict(scene, belief, make_propagator("cloud"), 1.5)
-    few = prediction.probability(Touches("left", "right"))
-    many = predict(scene, belief, make_propagator("cloud", runs=400), 1.5).probability(
-        Touches("left", "right")
-    )
-    assert few.low < 0.9 < many.low < 0.99 and few.rollouts == 32
-    asked = predict(scene, belief, make_propagator("cloud"), 1.5, events=[Touches("left", "right")])
-    assert asked.probability(Touches("left", "right")).method == "flights", "which are more"
 
 
 def test_uncertain_parameters_are_directions_like_others(loaded):

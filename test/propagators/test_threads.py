@@ -1,21 +1,18 @@
 """The number of threads changes nothing."""
 
 import concurrent.futures
-import os
-import subprocess
-import sys
-import time
+import threading
+from collections import deque
 
 import numba
 import numpy as np
 import pytest
-import yaml
-from example_scenes import parts_of, two_bodies
+from example_scenes import parts_of
 
 from unc_physics import make_propagator, predict
-from unc_physics.__main__ import main
-from unc_physics.compiler.threads import in_threads
+from unc_physics.compiler import threads
 
+PATIENCE = 200.0  # s, on a busy machine
 needs_two_threads = pytest.mark.skipif(
     numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread"
 )
@@ -31,8 +28,8 @@ def test_one_thread_and_two_give_the_same_bits(loaded, scene_name, name, options
     propagator = make_propagator(name, **options)
     ends, before = [], numba.get_num_threads()
     try:
-        for threads in (1, 2):
-            numba.set_num_threads(threads)
+        for count in (1, 2):
+            numba.set_num_threads(count)
             ends.append(predict(scene, belief, propagator, 0.9))
     finally:
         numba.set_num_threads(before)
@@ -44,41 +41,28 @@ def test_one_thread_and_two_give_the_same_bits(loaded, scene_name, name, options
 
 
 @needs_two_threads
-def test_the_command_prints_the_same_with_one_thread_and_with_two(tmp_path, capsys):
-    """As a user would set it: NUMBA_NUM_THREADS of a process of its own."""
-    path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(two_bodies()))
-    options = ["--propagator", "monte_carlo", "--samples", "9", "--seed", "3", "--json", "--horizon", "0.8"]
-    arguments = ["predict", str(path), *options]
-    alone = subprocess.run(
-        [sys.executable, "-m", "unc_physics", *arguments],
-        env=os.environ | {"NUMBA_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert all(line.startswith("Compiling") for line in alone.stderr.splitlines())
-    assert main(arguments) == 0
-    printed = [yaml.safe_load(out) for out in (alone.stdout, capsys.readouterr().out)]
-    for answer in printed:
-        del answer["wall_time"]
-    assert printed[0] == printed[1]
+def test_what_a_part_raises_ends_the_work_when_nobody_is_at_it_any_more(monkeypatch):
+    """The other threads end the parts that they have, and begin no more."""
+    begun, ended, cleared, second = [], [], threading.Event(), threading.Event()
 
-
-@needs_two_threads
-def test_what_a_part_raises_ends_the_work_when_nobody_is_at_it_any_more():
-    begun, ended = [], []
+    class Parts(deque):
+        def clear(self):
+            super().clear()
+            cleared.set()
 
     def run(some):
         begun.append(some)
-        time.sleep(0.01)
+        if some.start == 0:
+            assert second.wait(PATIENCE)
+            raise ValueError("the first part")
+        second.set()
+        assert cleared.wait(PATIENCE)
         ended.append(some)
-        if len(ended) == 2:
-            raise ValueError("the second part")
 
-    with pytest.raises(ValueError, match="second"):
-        in_threads(64, run)
-    assert len(ended) == len(begun) < 64
+    monkeypatch.setattr(threads, "deque", Parts)
+    with pytest.raises(ValueError, match="first"):
+        threads.in_threads(64 * numba.get_num_threads(), run)
+    assert len(ended) == len(begun) - 1 < numba.get_num_threads()
 
 
 def test_predictions_at_once_in_several_threads(loaded):
