@@ -1,5 +1,6 @@
 """Bad input: its own exit status, one sentence that names field and value, and nothing else."""
 
+import copy
 import io
 import json
 import os
@@ -7,14 +8,15 @@ import re
 import shlex
 import subprocess
 import sys
-import time
 import zipfile
+from datetime import date
 
+import jsonschema
 import numpy as np
 import pytest
 import yaml
 from example_scenes import CONTENTS, examples
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from unc_physics import ErrorCode, UncPhysicsError, load_model, load_scene, predict
@@ -23,345 +25,267 @@ from unc_physics.cli.schema_command import schema_text
 from unc_physics.scene.scene_file import scene_from_dict
 
 NAN, INF = float("nan"), float("inf")
-FLOOR = {"plane": {"normal": [0, 0, 1]}}
+SCHEMA = json.loads(schema_text("scene"))
+PARTS = SCHEMA["$defs"]
+BODY, ELEMENT = PARTS["body"]["properties"], PARTS["element"]["properties"]
+SHAPES = [key for key, entry in ELEMENT.items() if "properties" in entry]
+
+# -- each key, with values of other types and ranges ----------------------------------------------------
+
+SIZES = {"radius": 0.1, "length": 0.2, "size": [1, 1, 1]}
+POSES = [{"time": t, "position": [t, 0, 0]} for t in (0, 1)]
+WRONG = ("text", "", True, 7, -1, [], [1.0, 2.0], [1, 2, "x"], {"x": 1}, {1: 2}, b"x", date(2001, 1, 1))
+RIGHT = (0.5, [0.5] * 3, [0, 0, 0, 1], [0.5] * 6, np.eye(12).tolist())
+#: Codes of keys that have one of their own.
+CODES = dict.fromkeys(("dt", "horizon"), "INVALID_HORIZON") | {
+    **dict.fromkeys(("integrator", "overlap", "physics"), "INVALID_OPTION"),
+    **dict.fromkeys(("spheres", "scale"), "INVALID_MODEL"),
+    "mass": "INVALID_MASS",
+    "bodies": "INVALID_REQUEST|NO_OBJECTS",
+    "environment": "INVALID_ENVIRONMENT",
+}
 
 
-def with_entry(place, value, name="two_bodies"):
-    """The content of a scene file with one entry changed; ``place`` is a path like ("bodies", 0, "mass")."""
-    content = inner = CONTENTS[name]()
-    for key in place[:-1]:
-        inner = inner[key]
-    inner[place[-1]] = value
+def sized(kind, entry):
+    return {kind: {key: SIZES[key] for key in entry.get("required", ())}}
+
+
+def places():
+    """The place of each key of a scene file, with its schema, and entries of the scene that it stands in."""
+    yield from (((key,), entry, {}) for key, entry in SCHEMA["properties"].items())
+    other = {"name": "other", "mass": 1.0}
+    for key, entry in BODY.items():
+        alone = {"shape": {}, "trajectory": {"model": "pin"}, "covariance": {"model": "pin"}}
+        beside = alone.get(key, CONTENTS["two_bodies"]()["bodies"][1])
+        yield ("bodies", 0, key), entry, {"bodies": [other | beside]}
+    for kind, entry in BODY["shape"]["properties"].items():
+        body = other | {"shape": sized(kind, entry)}
+        for key, inner in entry["properties"].items():
+            yield ("bodies", 0, "shape", kind, key), inner, {"bodies": [body]}
+    for part, entries in (("pose_at_a_time", {"trajectory": POSES}), ("wrench", {"wrenches": [{}, {}]})):
+        (key,) = entries
+        for inner, entry in PARTS[part]["properties"].items():
+            yield ("bodies", 0, key, 1, inner), entry, {"bodies": [other | {"model": "pin"} | entries]}
+    for key, entry in ELEMENT.items():
+        yield ("environment", 0, key), entry, {"environment": [{} if key in SHAPES else {"plane": {}}]}
+        for inner, of in entry.get("properties", {}).items():
+            yield ("environment", 0, key, inner), of, {"environment": [sized(key, entry)]}
+
+
+def named(place):
+    """A place as messages name it."""
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place).lstrip(".")
+
+
+PLACES = {named(place): (place, *others) for place, *others in places()}
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_what_the_schema_refuses_at_a_key_is_refused_by_its_place(name):
+    """And numbers that are not finite, for which JSON has no words."""
+    place, entry, beside = PLACES[name]
+    fits = jsonschema.Draft202012Validator({"$defs": PARTS, **entry}).is_valid
+    wrong = [(value, None) for value in (*WRONG, None) if not fits(value)]
+    good = next(filter(fits, RIGHT), None)
+    if isinstance(good, float):
+        wrong += [(10**400, None), *((value, "NOT_FINITE") for value in (NAN, INF, -INF))]
+    elif good is not None:
+        numbers = np.array(good, float)
+        numbers.flat[-2] = NAN
+        wrong.append((numbers.tolist(), "NOT_FINITE"))
+    assert wrong
+    physics = {"integrator": "implicit", "gravity": [0, 0, -9.81], "common_pose_std": [0.01] * 6}
+    for value, code in wrong:
+        inner = content = copy.deepcopy(CONTENTS["two_bodies"]() | physics | beside)
+        for key in place[:-1]:
+            inner = inner[key]
+        inner[place[-1]] = value
+        with pytest.raises(UncPhysicsError, match=rf"{re.escape(name)}|^{place[-1]} of body") as caught:
+            scene_from_dict(content)
+        own = CODES.get(place[-1], CODES.get(place[0], "INVALID_REQUEST"))
+        own = "INVALID_REQUEST|INVALID_MODEL" if "shape" in place else own
+        assert caught.value.code.name in (code or own).split("|"), (value, caught.value)
+
+
+# -- what the schema does not say ------------------------------------------------------------------------
+
+
+def scene(**entries):
+    return CONTENTS["two_bodies"]() | entries
+
+
+def with_body(of="two_bodies", /, **entries):
+    """The content of a scene with other entries of its second body; None leaves one out."""
+    content = CONTENTS[of]()
+    body = content["bodies"][1] | entries
+    content["bodies"][1] = {key: value for key, value in body.items() if value is not None}
     return content
 
 
-def without(place):
-    content = inner = CONTENTS["two_bodies"]()
-    for key in place[:-1]:
-        inner = inner[key]
-    del inner[place[-1]]
+def without(key):
+    content = CONTENTS["two_bodies"]()
+    del content[key]
     return content
 
 
-def matrix(*entries, diagonal=0.01):
-    """12 x 12 rows with some entries (row, column, value)."""
-    P = (diagonal * np.eye(12)).tolist()
+def covariance(*entries, rows=12):
+    """A scene whose second body has a covariance with some entries (row, column, value)."""
+    P = (0.01 * np.eye(12)).tolist()
     for row, column, value in entries:
         P[row][column] = value
-    return P
-
-
-def body_with_covariance(P):
-    content = CONTENTS["two_bodies"]()
-    body = content["bodies"][1]
-    del body["position_std"], body["orientation_std"]
-    body["covariance"] = P
-    return content
-
-
-def in_body(key, value):
-    return with_entry(("bodies", 1, key), value)
-
-
-def in_environment(element):
-    return CONTENTS["two_bodies"]() | {"environment": [element]}
+    return with_body(covariance=P[:rows], position_std=None, orientation_std=None)
 
 
 def at_rest(gravity=(0, 0, -9.81), **entries):
     """A scene whose second body is at rest."""
-    content = CONTENTS["everyday"]() | {"gravity": gravity and list(gravity)}
-    content["bodies"][1] |= {"at_rest": True, "linear_velocity": [0, 0, 0]} | entries
-    return content
-
-
-def moving_at_rest(key, value, words):
-    return at_rest(**{key: value}), "INVALID_REQUEST", f"{key} of body 'right'", f"at_rest.*{words}"
+    entries = {"at_rest": True, "linear_velocity": [0, 0, 0]} | entries
+    return with_body("everyday", **entries) | {"gravity": gravity and list(gravity)}
 
 
 def common_error(**entries):
-    shared = {"common_pose_std": [0.01] * 6, "common_pose_origin": [0, 0, 1]}
-    return CONTENTS["two_bodies"]() | shared | entries
+    return scene(**{"common_pose_std": [0.01] * 6, "common_pose_origin": [0, 0, 1]} | entries)
 
 
-# rows of CASES: a content, the name of the error's code, a pattern of the field and one of the value
+def around(element):
+    return scene(environment=[element])
 
 
-def entry(key, value, code, words):
-    return with_entry((key,), value), code, key, words
-
-
-def body(key, value, code, words):
-    return in_body(key, value), code, rf"bodies\[1\].{key}", words
-
-
-def fixed_body(key, value, words="zero or absent: the body is fixed"):
-    place = ("bodies", 1, key)
-    return with_entry(place, value, "three_bodies"), "INVALID_REQUEST", rf"bodies\[1\].{key}", words
-
-
-def covariance(P, code, words, place=""):
-    return body_with_covariance(P), code, rf"bodies\[1\].covariance{place}", words
-
-
-def element(kind, entries, place, code, words):
-    return in_environment({kind: entries}), code, rf"environment\[0\].{kind}{place}", words
-
-
-def rounded(kind, key, value, code="INVALID_ENVIRONMENT", place=None, words=""):
-    good = {"radius": 0.1} | ({} if kind == "sphere" else {"length": 0.2})
-    return element(kind, good | {key: value}, f".{key}" if place is None else place, code, words)
-
-
-FINITE = []  # each number of a scene file, as the place that a message must name
-for place, name in [
-    (("dt",), "dt"),
-    (("horizon",), "horizon"),
-    (("stiffness",), "stiffness"),
-    (("damping",), "damping"),
-    (("friction",), "friction"),
-    (("restitution",), "restitution"),
-    (("stiffness_std",), "stiffness_std"),
-    (("gravity_direction_std",), "gravity_direction_std"),
-    (("bodies", 0, "mass_std"), r"bodies\[0\].mass_std"),
-    (("bodies", 0, "center_of_mass_std"), r"bodies\[0\].center_of_mass_std"),
-    (("bodies", 0, "mass"), r"bodies\[0\].mass"),
-    (("bodies", 0, "scale"), r"bodies\[0\].scale"),
-    (("bodies", 0, "position", 1), r"bodies\[0\].position\[1\]"),
-    (("bodies", 1, "orientation", 3), r"bodies\[1\].orientation\[3\]"),
-    (("bodies", 0, "linear_velocity", 2), r"bodies\[0\].linear_velocity\[2\]"),
-    (("bodies", 0, "angular_velocity", 0), r"bodies\[0\].angular_velocity\[0\]"),
-    (("bodies", 0, "position_std"), r"bodies\[0\].position_std"),
-    (("bodies", 1, "position_std", 2), r"bodies\[1\].position_std\[2\]"),
-    (("bodies", 1, "orientation_std"), r"bodies\[1\].orientation_std"),
-]:
-    for value in (NAN, INF, -INF, "nan", "Infinity"):
-        FINITE.append((with_entry(place, value), "NOT_FINITE", name, "nan|inf|Infinity"))
-for value in (NAN, INF):
-    FINITE.append((with_entry(("gravity",), [0, 0, value]), "NOT_FINITE", r"gravity\[2\]", "nan|inf"))
-    FINITE.append(covariance(matrix((4, 7, value)), "NOT_FINITE", "nan|inf", r"\[4\]\[7\]"))
-    FINITE.append(
-        (in_body("angular_velocity_std", [0, value, 0]), "NOT_FINITE", "angular_velocity_std", "nan|inf")
-    )
-
-CASES = FINITE + [
-    body("model", "unicorn", "UNKNOWN_MODEL", "unicorn"),
-    body("model", "salt_bx", "UNKNOWN_MODEL", "did you mean 'salt_box'.*salt_bx"),
-    body("model", "no/such/file.npz", "UNKNOWN_MODEL", "no/such/file.npz"),
-    body("model", "", "INVALID_REQUEST", "''"),
-    body("model", 7, "INVALID_REQUEST", "7"),
-    body("model", "x" * 5000, "UNKNOWN_MODEL", "xxx"),
-    body("model", "x" * 5000 + ".npz", "UNKNOWN_MODEL", "xxx"),
-    body("model", "~nobody_of_that_name/a.npz", "UNKNOWN_MODEL", "nobody"),
-    body("model", "a\0b.npz", "UNKNOWN_MODEL", "b.npz"),
-    entry("bodies", [], "NO_OBJECTS", ""),
-    entry("bodies", None, "NO_OBJECTS", ""),
-    (without(("bodies",)), "NO_OBJECTS", "bodies", ""),
-    body("name", "left", "DUPLICATE_ID", "left"),
-    body("orientation", [0, 0, 0, 0], "INVALID_ORIENTATION", r"\[0.0, 0.0, 0.0, 0.0\]"),
-    body("orientation", [0, 0, 0, 1.01], "INVALID_ORIENTATION", "1.01"),
-    body("orientation", [0, 0, 1], "INVALID_REQUEST", r"\[0, 0, 1\]"),
-    covariance(matrix((2, 5, 0.001)), "INVALID_COVARIANCE", "0.001", r".*\[2\]\[5\]"),
-    covariance(matrix((3, 3, -0.01)), "INVALID_COVARIANCE", "-0.01", r".*\[3\]"),
-    covariance(matrix((0, 1, 0.02), (1, 0, 0.02)), "INVALID_COVARIANCE", "-0.01"),
-    covariance(matrix()[:11], "INVALID_REQUEST", "0.01"),
-    covariance(matrix((0, 0, "x")), "INVALID_REQUEST", "'x'", r"\[0\]\[0\]"),
-    covariance(0.1, "INVALID_REQUEST", "0.1"),
-    body("covariance", matrix(), "INVALID_REQUEST", "position_std"),
-    body("position_std", -0.1, "INVALID_REQUEST", "-0.1"),
-    body("position_std", [0.1, -0.2, 0.1], "INVALID_REQUEST", "-0.2"),
-    body("position_std", [0.1, 0.1], "INVALID_REQUEST", r"\[0.1, 0.1\]"),
-    body("position_std", "wide", "INVALID_REQUEST", "wide"),
-    body("position_std", 1e200, "NOT_FINITE", "1e\\+200"),
-    entry("horizon", 0, "INVALID_HORIZON", "0"),
-    entry("horizon", -1.0, "INVALID_HORIZON", "-1.0"),
-    entry("horizon", 0.001, "INVALID_HORIZON", "0.001"),
-    entry("horizon", "long", "INVALID_HORIZON", "long"),
-    (without(("horizon",)), "INVALID_HORIZON", "horizon", "must be given.*'horizon: 1.0'.*--horizon"),
-    entry("horizon", 1e12, "LIMIT_EXCEEDED", "1000000000000.0|1e\\+12"),
-    entry("dt", 0, "INVALID_HORIZON", "0"),
-    entry("dt", -0.01, "INVALID_HORIZON", "-0.01"),
-    entry("stiffness", -1, "INVALID_REQUEST", "-1"),
-    entry("stiffness", True, "INVALID_REQUEST", "True"),
-    entry("damping", -0.5, "INVALID_REQUEST", "-0.5"),
-    entry("damping", [0.5], "INVALID_REQUEST", r"\[0.5\]"),
-    entry("gravity", 9.81, "INVALID_REQUEST", "9.81"),
-    (with_entry(("gravity",), [0, 0, "down"]), "INVALID_REQUEST", r"gravity\[2\]", "down"),
-    entry("gravity", [0, 0, -1e20], "LIMIT_EXCEEDED", "at most 1000000 m/s"),
-    body("mass", 1e-320, "INVALID_MASS", "between 1e-50 and 1e\\+50 kg.*1e-320"),
-    body("position", [1e13, 0, 0], "LIMIT_EXCEEDED", "1e\\+12 m.*1000000"),
-    element("box", {"size": [1e13, 1, 1]}, r".size\[0\]", "LIMIT_EXCEEDED", "1e\\+12 m"),
-    body("model", "/etc/passwd", "UNKNOWN_MODEL", ".npz.*/etc/passwd"),
-    body("mass", 0, "INVALID_MASS", "0"),
-    body("mass", -2.0, "INVALID_MASS", "-2.0"),
-    body("mass", "heavy", "INVALID_MASS", "heavy"),
-    body("spheres", 0, "INVALID_MODEL", "0"),
-    body("spheres", 2.5, "INVALID_MODEL", "2.5"),
-    body("spheres", 10**9, "INVALID_MODEL", "1000000000"),
-    body("scale", 0, "INVALID_MODEL", "0"),
-    body("scale", -1, "INVALID_MODEL", "-1"),
-    body("fixed", "yes", "INVALID_REQUEST", "yes"),
-    body("fixed", None, "INVALID_REQUEST", ""),
-    fixed_body("linear_velocity", [0, 0, 1]),
-    fixed_body("angular_velocity", [0, 1, 0]),
-    fixed_body("position_std", 0.1),
-    fixed_body("covariance", matrix()),
-    body("name", "", "INVALID_REQUEST", "''"),
-    body("name", 5, "INVALID_REQUEST", "5"),
-    (without(("bodies", 1, "name")), "INVALID_REQUEST", r"bodies\[1\].name", ""),
-    (in_body("masss", 1.0), "INVALID_REQUEST", r"bodies\[1\]", "masss.*mass"),
-    (with_entry(("stifness",), 1.0), "INVALID_REQUEST", "scene", "stifness.*stiffness"),
-    (with_entry((3,), 1.0), "INVALID_REQUEST", "scene", "3"),
-    entry("bodies", {"name": "a"}, "INVALID_REQUEST", "'name': 'a'"),
-    entry("bodies", "left", "INVALID_REQUEST", "'left'"),
-    (with_entry(("bodies", 1), None), "INVALID_REQUEST", r"bodies\[1\]", ""),
-    (with_entry(("bodies", 1), ["name"]), "INVALID_REQUEST", r"bodies\[1\]", r"\['name'\]"),
-    entry("integrator", "magic", "INVALID_OPTION", "magic"),
-    entry("islands", True, "INVALID_REQUEST", "'islands', which was removed in version 0.3: leave it out"),
-    entry("environment", "floor", "INVALID_ENVIRONMENT", "floor"),
-    entry("friction", "rough", "INVALID_REQUEST", "rough"),
-    entry("friction", -0.5, "INVALID_REQUEST", "-0.5"),
-    entry("friction", False, "INVALID_REQUEST", "False"),
-    entry("restitution", 1.5, "INVALID_REQUEST", "1.5"),
-    entry("restitution", -0.1, "INVALID_REQUEST", "-0.1"),
-    entry("gyroscopic", "yes", "INVALID_REQUEST", "yes"),
-    entry("gyroscopic", 1, "INVALID_REQUEST", "1"),
-    entry("integrator", ["explicit"], "INVALID_OPTION", "explicit"),
-    entry("integrator", "robust", "INVALID_OPTION", "'implicit' .*robust"),
-    entry("sleep", 1, "INVALID_REQUEST", "1"),
-    entry("physics", "lunar", "INVALID_OPTION", "paper, everyday.*lunar"),
-    entry("physics", "everday", "INVALID_OPTION", "did you mean 'everyday'.*everday"),
-    entry("friction", "0.4", "INVALID_REQUEST", "not a text.*'0.4'"),
-    body("restitution", "0.4", "INVALID_REQUEST", "not a text.*'0.4'"),
-    (in_body("mu", 0.4), "INVALID_REQUEST", r"bodies\[1\]", "mu.*did you mean 'friction'"),
-    entry("physics", True, "INVALID_OPTION", "True"),
-    entry("stiffness", "automatic", "INVALID_REQUEST", "automatic"),
-    entry("friction_std", 0.1, "INVALID_REQUEST", "0.1"),
-    entry("gravity_direction_std", 0.1, "INVALID_REQUEST", "0.1"),
-    entry("gravity_direction_std", 7.0, "INVALID_REQUEST", "7.0"),
-    entry("stiffness_std", -1.0, "INVALID_REQUEST", "-1.0"),
-    entry("restitution_std", "some", "INVALID_REQUEST", "some"),
-    body("mass_std", -0.1, "INVALID_REQUEST", "-0.1"),
-    body("mass_std", 5.0, "INVALID_MASS", "5.0"),
-    body("mass_std", "some", "INVALID_REQUEST", "some"),
-    body("center_of_mass_std", [0, 0, -1], "INVALID_REQUEST", "-1.0"),
-    body("center_of_mass_std", [0, 0], "INVALID_REQUEST", r"\[0, 0\]"),
-    fixed_body("mass_std", 0.1),
-    entry("overlap", "push", "INVALID_OPTION", "project, reject, keep.*push"),
-    entry("overlap", None, "INVALID_OPTION", "reject, keep; leave it out.*null"),
-    entry("overlap", True, "INVALID_OPTION", "True"),
-    entry("overlap", "project", "INVALID_OPTION", "'integrator: implicit'.*keep.*project"),
-    entry("overlap", "reject", "INVALID_OPTION", "implicit.*reject"),
-    body("at_rest", "yes", "INVALID_REQUEST", "yes"),
-    body("at_rest", 1, "INVALID_REQUEST", "1"),
-    body("at_rest", True, "INVALID_OPTION", "implicit.*True"),
-    fixed_body("at_rest", True, "fixed"),
-    (at_rest(gravity=None), "INVALID_REQUEST", r"bodies\[1\].at_rest", "gravity"),
-    moving_at_rest("linear_velocity", [0, 0, 0.1], "0.1"),
-    moving_at_rest("angular_velocity", [0.2, 0, 0], "0.2"),
-    entry("common_pose_std", 0.01, "INVALID_REQUEST", "6 numbers.*0.01"),
-    entry("common_pose_std", [0.01] * 3, "INVALID_REQUEST", "6 numbers"),
-    (with_entry(("common_pose_std",), [0] * 5 + ["far"]), "INVALID_REQUEST", r"common_pose_std\[5\]", "far"),
-    (common_error(common_pose_std=[0] * 5 + [-0.1]), "INVALID_COVARIANCE", r"common_pose_std\[5\]", "-0.1"),
-    (with_entry(("common_pose_std",), [0] * 5 + [NAN]), "NOT_FINITE", r"common_pose_std\[5\]", "nan"),
-    entry("common_pose_std", [1e200] * 6, "NOT_FINITE", "1e\\+200"),
-    (common_error(common_pose_origin=[0, 0]), "INVALID_REQUEST", "common_pose_origin", r"\[0, 0\]"),
-    (common_error(common_pose_origin=[0, 0, INF]), "NOT_FINITE", r"common_pose_origin\[2\]", "inf"),
+#: Contents with the code of their error, and a pattern of its message.
+CASES = [
+    *(
+        (with_body(model=model), "UNKNOWN_MODEL", rf"bodies\[1\].model.*{words}")
+        for model, words in (
+            ("salt_bx", "did you mean 'salt_box'.*salt_bx"),
+            ("no/such/file.npz", "no/such/file.npz"),
+            ("x" * 5000, "xxx"),
+            ("x" * 5000 + ".npz", "xxx"),
+            ("~nobody_of_that_name/a.npz", "nobody"),
+            ("a\0b.npz", "b.npz"),
+            ("/etc/passwd", ".npz.*/etc/passwd"),
+        )
+    ),
+    *(
+        (with_body("three_bodies", **entry), "INVALID_REQUEST", rf"bodies\[1\].{key} .*{words}")
+        for key, entry, words in (
+            ("linear_velocity", {"linear_velocity": [0, 0, 1]}, "zero or absent: the body is fixed"),
+            ("angular_velocity", {"angular_velocity": [0, 1, 0]}, "zero or absent: the body is fixed"),
+            ("position_std", {"position_std": 0.1}, "zero or absent: the body is fixed"),
+            ("covariance", {"covariance": np.eye(12).tolist()}, "zero or absent: the body is fixed"),
+            ("mass_std", {"mass_std": 0.1}, "zero or absent: the body is fixed"),
+            ("at_rest", {"at_rest": True}, "fixed"),
+        )
+    ),
+    (without("bodies"), "NO_OBJECTS", "bodies"),
+    (without("horizon"), "INVALID_HORIZON", "horizon must be given.*'horizon: 1.0'.*--horizon"),
+    (scene(horizon=0.001), "INVALID_HORIZON", "horizon.*0.001"),
+    (scene(horizon=1e12), "LIMIT_EXCEEDED", "horizon.*1000000000000.0|1e\\+12"),
+    (scene(friction="0.4"), "INVALID_REQUEST", "friction must be a number, not a text.*'0.4'"),
+    (scene(friction_std=0.1), "INVALID_REQUEST", "friction_std.*0.1"),
+    (scene(gravity_direction_std=0.1), "INVALID_REQUEST", "gravity_direction_std.*0.1"),
+    (scene(gravity_direction_std=7.0, gravity=[0, 0, -9.81]), "INVALID_REQUEST", "direction_std.*7.0"),
+    (scene(gravity=[0, 0, -1e20]), "LIMIT_EXCEEDED", "gravity must be at most 1000000 m/s"),
+    (scene(integrator="robust"), "INVALID_OPTION", "must be 'implicit' now"),
+    (scene(physics="everday"), "INVALID_OPTION", "did you mean 'everyday'.*everday"),
+    (scene(overlap=None), "INVALID_OPTION", "project, reject, keep; leave it out.*null"),
+    (scene(overlap="project"), "INVALID_OPTION", "'integrator: implicit'.*keep.*project"),
+    (scene(overlap="reject"), "INVALID_OPTION", "implicit.*reject"),
+    (scene(islands=True), "INVALID_REQUEST", "'islands', which was removed in version 0.3: leave it out"),
+    (scene(stifness=1.0), "INVALID_REQUEST", "scene has no key 'stifness'.*stiffness"),
+    (CONTENTS["two_bodies"]() | {3: 1.0}, "INVALID_REQUEST", "scene has a key that is no text.*3"),
+    (scene(bodies=[CONTENTS["two_bodies"]()["bodies"][0], None]), "INVALID_REQUEST", r"bodies\[1\]"),
+    (scene(bodies=[["name"]]), "INVALID_REQUEST", r"bodies\[0\].*\['name'\]"),
+    (with_body(masss=1.0), "INVALID_REQUEST", r"bodies\[1\] has no key 'masss'.*'mass'"),
+    (with_body(mu=0.4), "INVALID_REQUEST", r"bodies\[1\] has no key 'mu'.*did you mean 'friction'"),
+    (with_body(name="left"), "DUPLICATE_ID", r"bodies\[1\].name.*left"),
+    (with_body(name=None), "INVALID_REQUEST", r"bodies\[1\].name"),
     (
-        common_error(common_pose_std=None),
+        with_body(model=None),
         "INVALID_REQUEST",
-        "common_pose_origin",
-        r"common_pose_std.*\[0, 0, 1\]",
+        r"bodies\[1\].model must be a non-empty text, or give a shape",
     ),
-    (in_environment("floor"), "INVALID_ENVIRONMENT", r"environment\[0\]", "floor"),
-    (in_environment({}), "INVALID_ENVIRONMENT", r"environment\[0\]", "shapes are plane, box, sphere"),
-    (in_environment({"plane": {}, "box": {}}), "INVALID_ENVIRONMENT", r"environment\[0\]", "exactly one"),
+    (with_body(mass=1e-320), "INVALID_MASS", r"bodies\[1\].mass.*between 1e-50 and 1e\+50 kg.*1e-320"),
+    (with_body(mass_std=5.0), "INVALID_MASS", r"bodies\[1\].mass_std.*5.0"),
+    (with_body(spheres=10**9), "INVALID_MODEL", r"bodies\[1\].spheres.*1000000000"),
+    (with_body(position=[1e13, 0, 0]), "LIMIT_EXCEEDED", r"bodies\[1\].position.*1e\+12 m.*1000000"),
+    (with_body(position_std=1e200), "NOT_FINITE", r"bodies\[1\].position_std.*1e\+200"),
+    (with_body(orientation=[0, 0, 0, 0]), "INVALID_ORIENTATION", r"bodies\[1\].orientation.*\[0.0, 0.0, 0"),
+    (with_body(orientation=[0, 0, 0, 1.01]), "INVALID_ORIENTATION", r"bodies\[1\].orientation.*1.01"),
+    (with_body(covariance=np.eye(12).tolist()), "INVALID_REQUEST", r"bodies\[1\].covariance.*position_std"),
+    (covariance((2, 5, 0.001)), "INVALID_COVARIANCE", r"bodies\[1\].covariance.*\[2\]\[5\].*0.001"),
+    (covariance((3, 3, -0.01)), "INVALID_COVARIANCE", r"bodies\[1\].covariance.*\[3\].*-0.01"),
+    (covariance((0, 1, 0.02), (1, 0, 0.02)), "INVALID_COVARIANCE", r"bodies\[1\].covariance.*-0.01"),
+    (covariance((0, 0, "x")), "INVALID_REQUEST", r"bodies\[1\].covariance\[0\]\[0\].*'x'"),
+    (covariance(rows=6), "INVALID_REQUEST", "12 rows, three each for position, .* angular velocity"),
+    (with_body(at_rest=True), "INVALID_OPTION", r"bodies\[1\].at_rest.*implicit.*True"),
+    (at_rest(gravity=None), "INVALID_REQUEST", r"bodies\[1\].at_rest.*gravity"),
     (
-        in_environment({"cone": {}}),
-        "INVALID_ENVIRONMENT",
-        r"environment\[0\]",
-        "no shape 'cone'; the shapes are",
+        at_rest(linear_velocity=[0, 0, 0.1]),
+        "INVALID_REQUEST",
+        "linear_velocity of body 'right'.*at_rest.*0.1",
     ),
-    (in_environment({"plane": [0, 0, 1]}), "INVALID_ENVIRONMENT", r"environment\[0\].plane", r"\[0, 0, 1\]"),
-    element("plane", {"normal": [0, 0, 0]}, r".normal", "INVALID_ENVIRONMENT", r"\[0.0, 0.0, 0.0\]"),
-    element("plane", {"normal": [0, 1]}, r".normal", "INVALID_ENVIRONMENT", r"\[0, 1\]"),
-    element("plane", {"normal": [0, 0, "up"]}, r".normal\[2\]", "INVALID_ENVIRONMENT", "up"),
-    element("plane", {"normal": [0, 0, INF]}, r".normal\[2\]", "NOT_FINITE", "inf"),
-    element("plane", {"normal": [0, 0, 1], "offset": "low"}, r".offset", "INVALID_ENVIRONMENT", "low"),
-    element("plane", {"normal": [0, 0, 1], "offset": NAN}, r".offset", "NOT_FINITE", "nan"),
-    element("plane", {"normal": [0, 0, 1], "ofset": 0}, r"", "INVALID_ENVIRONMENT", "offset"),
-    element("box", {}, r".size", "INVALID_ENVIRONMENT", "given"),
-    element("box", {"size": [1, 0, 1]}, r".size\[1\]", "INVALID_ENVIRONMENT", "0.0"),
-    element("box", {"size": [1, -2, 1]}, r".size\[1\]", "INVALID_ENVIRONMENT", "-2.0"),
-    element("box", {"size": 2.0}, r".size", "INVALID_ENVIRONMENT", "2.0"),
-    element("box", {"size": [1, 1, 1], "position": [0, 0]}, r".position", "INVALID_ENVIRONMENT", r"\[0, 0\]"),
-    element("box", {"size": [1, 1, 1], "position": [0, NAN, 0]}, r".position\[1\]", "NOT_FINITE", "nan"),
-    element(
-        "box", {"size": [1, 1, 1], "orientation": [1, 1, 0, 0]}, r".orientation", "INVALID_ORIENTATION", "1.0"
-    ),
-    element("sphere", {}, ".radius", "INVALID_ENVIRONMENT", "given"),
-    element("cylinder", {"radius": 1}, ".length", "INVALID_ENVIRONMENT", "given"),
-    element("capsule", {"length": 1}, ".radius", "INVALID_ENVIRONMENT", "given"),
-    rounded("sphere", "orientation", [0, 0, 0, 1], place="", words="orientation"),
+    (at_rest(angular_velocity=[0.2, 0, 0]), "INVALID_REQUEST", "angular_velocity of body 'right'.*rest.*0.2"),
+    (common_error(common_pose_std=[0] * 5 + [-0.1]), "INVALID_COVARIANCE", r"common_pose_std\[5\].*-0.1"),
+    (common_error(common_pose_std=[1e200] * 6), "NOT_FINITE", "common_pose_std.*1e\\+200"),
+    (common_error(common_pose_std=None), "INVALID_REQUEST", r"_origin.*common_pose_std.*\[0, 0, 1\]"),
+    (around("floor"), "INVALID_ENVIRONMENT", r"environment\[0\].*floor"),
+    (around({}), "INVALID_ENVIRONMENT", r"environment\[0\].*shapes are plane, box, sphere"),
+    (around({"plane": {}, "box": {}}), "INVALID_ENVIRONMENT", r"environment\[0\].*exactly one"),
+    (around({"cone": {}}), "INVALID_ENVIRONMENT", r"environment\[0\] has no shape 'cone'; the shapes are"),
+    (around({"plane": {"normal": [0, 0, 0]}}), "INVALID_ENVIRONMENT", r"\[0\].plane.normal.*\[0.0, 0.0, 0.0"),
+    (around({"plane": {"ofset": 0}}), "INVALID_ENVIRONMENT", r"environment\[0\].plane.*offset"),
+    (around({"box": {"size": [1, 0, 1]}}), "INVALID_ENVIRONMENT", r"\[0\].box.size\[1\].*0.0"),
+    (around({"box": {"size": [1e13, 1, 1]}}), "LIMIT_EXCEEDED", r"\[0\].box.size\[0\].*1e\+12 m"),
+    (around({"sphere": {"radius": 1, "size": 1}}), "INVALID_ENVIRONMENT", r"\[0\].sphere has no key 'size'"),
     *(
-        case
-        for kind in ("sphere", "cylinder", "capsule")
-        for case in (
-            rounded(kind, "radius", 0, words="0.0"),
-            rounded(kind, "radius", [1], words=r"\[1\]"),
-            rounded(kind, "radius", NAN, "NOT_FINITE", words="nan"),
-            rounded(kind, "position", [0, 0], words=r"\[0, 0\]"),
-            rounded(kind, "size", [1, 1, 1], place="", words="size"),
+        (around({kind: {}}), "INVALID_ENVIRONMENT", rf"environment\[0\].{kind}.{key} must be given")
+        for kind, key in (
+            ("box", "size"),
+            ("sphere", "radius"),
+            ("cylinder", "radius"),
+            ("capsule", "radius"),
         )
     ),
-    *(
-        case
-        for kind in ("cylinder", "capsule")
-        for case in (
-            rounded(kind, "length", -1, words="-1.0"),
-            rounded(kind, "length", "long", words="long"),
-            rounded(kind, "orientation", [1, 1, 0, 0], "INVALID_ORIENTATION", words="1.0"),
-        )
+    (
+        around({"capsule": {"radius": 1, "length": 1, "orientation": [1, 1, 0, 0]}}),
+        "INVALID_ORIENTATION",
+        r"environment\[0\].capsule.orientation.*1.0",
     ),
-    (in_environment(FLOOR | {"name": 3}), "INVALID_ENVIRONMENT", r"environment\[0\].name", "3"),
-    (in_environment(FLOOR | {"name": "left"}), "DUPLICATE_ID", r"environment\[0\].name", "left"),
-    ([], "INVALID_REQUEST", "scene", r"\[\]"),
-    ("text", "INVALID_REQUEST", "scene", "text"),
-    (None, "INVALID_REQUEST", "scene", ""),
+    (around({"plane": {}, "name": "left"}), "DUPLICATE_ID", r"environment\[0\].name.*left"),
+    ([], "INVALID_REQUEST", r"scene.*\[\]"),
+    ("text", "INVALID_REQUEST", "scene.*text"),
+    (None, "INVALID_REQUEST", "scene"),
 ]
 
 
-def assert_refused(code, out, err, codes, *patterns):
-    """Exit status, nothing on standard output, and one line on standard error with the patterns in it."""
+def assert_refused(code, out, err, codes, words=""):
+    """Exit status, nothing on standard output, and one line on standard error with the words in it."""
     assert ErrorCode(code).name in codes.split("|"), err
     assert out == ""
     assert err.count("\n") == 1 and err.endswith("\n"), err
     assert err.startswith("unc_physics: ") and len(err) < 2000, err
     assert "Traceback" not in err
-    for pattern in patterns:
-        assert re.search(pattern, err), err
+    assert re.search(words, err), err
 
 
-def case_id(case):
-    return f"{case[1]}-{case[2]}"
-
-
-@pytest.mark.parametrize("content, codes, field, value", CASES, ids=map(case_id, CASES))
-def test_a_bad_scene_is_refused(tmp_path, recwarn, content, codes, field, value):
+@pytest.mark.parametrize(
+    "content, codes, words", CASES, ids=[f"{k}-{case[1]}" for k, case in enumerate(CASES)]
+)
+def test_a_bad_scene_is_refused(tmp_path, recwarn, content, codes, words):
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(UncPhysicsError) as caught:
         scene, belief, horizon = load_scene(path)
         predict(scene, belief, horizon=horizon)
-    assert_refused(caught.value.code, "", f"unc_physics: {caught.value}\n", codes, field, value)
+    assert_refused(caught.value.code, "", f"unc_physics: {caught.value}\n", codes, words)
     assert not recwarn.list, "a warning would be printed beside the sentence"
 
 
-@pytest.mark.parametrize("content, codes, field, value", CASES[::20], ids=map(case_id, CASES[::20]))
-def test_the_command_says_so_and_ends_with_the_code(tmp_path, capsys, content, codes, field, value):
+@pytest.mark.parametrize("content, codes, words", CASES[::12])
+def test_the_command_says_so_and_ends_with_the_code(tmp_path, capsys, content, codes, words):
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(content))
     code = main(["predict", str(path), "--json"])
-    assert_refused(code, *capsys.readouterr(), codes, field, value)
+    assert_refused(code, *capsys.readouterr(), codes, words)
 
 
 TEXTS = {
@@ -459,8 +383,7 @@ MODELS = {
 @pytest.mark.parametrize("name", MODELS)
 def test_bad_model_file(tmp_path, capsys, name):
     (tmp_path / "broken.npz").write_bytes(MODELS[name])
-    content = in_body("model", "broken.npz")
-    del content["bodies"][1]["spheres"]
+    content = with_body(model="broken.npz", spheres=None)
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
     code = main(["predict", str(tmp_path / "scene.yaml")])
     assert_refused(code, *capsys.readouterr(), "INVALID_MODEL", r"bodies\[1\].*broken.npz")
@@ -486,8 +409,7 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path, capsys):
 
 def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
     (tmp_path / "good.npz").write_bytes(npz())
-    content = in_body("model", "good.npz")
-    del content["bodies"][1]["spheres"]
+    content = with_body(model="good.npz", spheres=None)
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
     assert main(["predict", str(tmp_path / "scene.yaml"), "--horizon", "0.01"]) == 0
     assert "right" in capsys.readouterr().out
@@ -612,10 +534,7 @@ def nested_merges(levels=9):
 def test_a_bomb_is_refused_at_once(tmp_path, capsys, text, words):
     path = tmp_path / "bomb.yaml"
     path.write_text(text)
-    started = time.process_time()
-    code = main(["predict", str(path)])
-    assert time.process_time() - started < 3.0  # without a limit, minutes and all memory
-    assert code != 0
+    assert main(["predict", str(path)]) != 0  # without a limit, minutes and all memory
     (line,) = capsys.readouterr().err.splitlines()
     assert re.search(words, line), line
 
@@ -664,14 +583,14 @@ def test_numbers_of_json_are_numbers_and_texts_in_quotes_are_none(tmp_path, text
 
 def test_a_simulation_that_diverges(tmp_path, capsys):
     path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(in_body("linear_velocity", [1e308, 0, 0])))
+    path.write_text(yaml.safe_dump(with_body(linear_velocity=[1e308, 0, 0])))
     code = main(["predict", str(path), "--json"])
     assert_refused(code, *capsys.readouterr(), "DIVERGED", "diverged")
 
 
 def test_a_real_process_exits_with_the_code(tmp_path):
     path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(in_body("position_std", 1e200)))
+    path.write_text(yaml.safe_dump(with_body(position_std=1e200)))
     run = subprocess.run(
         [sys.executable, "-m", "unc_physics", "predict", str(path), "--json"],
         env=dict(os.environ),
@@ -683,66 +602,6 @@ def test_a_real_process_exits_with_the_code(tmp_path):
 
 
 # -- anything at all -------------------------------------------------------------------------------
-
-scalars = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(),
-    st.integers(-(10**400), 10**400),
-    st.floats(),
-    st.text(max_size=8),
-    st.dates(),
-    st.binary(max_size=4),
-    st.sampled_from(["bunny", "pin", "1e-3", "nan", "models/pin.npz", "/dev/null", "~x/a.npz", "\0.npz"]),
-)
-values = st.recursive(
-    scalars,
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=4),
-        st.dictionaries(st.one_of(st.text(max_size=5), st.integers()), inner, max_size=4),
-        st.lists(inner, min_size=3, max_size=3),
-        st.lists(inner, min_size=4, max_size=4),
-    ),
-    max_leaves=12,
-)
-
-SCHEMA = json.loads(schema_text("scene"))
-SCENE_KEYS = [*SCHEMA["properties"], "unknown"]
-BODY_KEYS = [*SCHEMA["$defs"]["body"]["properties"], "x"]
-
-
-@st.composite
-def spoiled_scenes(draw):
-    """A good scene with some entries replaced by anything."""
-    content = CONTENTS[draw(st.sampled_from(["two_bodies", "three_bodies"]))]()
-    for _ in range(draw(st.integers(1, 3))):
-        value = draw(values)
-        if draw(st.booleans()) or not isinstance(content["bodies"], list) or not content["bodies"]:
-            content[draw(st.sampled_from(SCENE_KEYS))] = value
-        else:
-            body = content["bodies"][draw(st.integers(0, len(content["bodies"]) - 1))]
-            if isinstance(body, dict):
-                body[draw(st.sampled_from(BODY_KEYS))] = value
-    return content
-
-
-def load_or_refuse(content):
-    try:
-        scene, belief, horizon = scene_from_dict(content)
-    except UncPhysicsError as error:
-        assert str(error) and "\n" not in str(error)
-        return
-    assert np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()
-    assert scene.dt > 0 and (horizon is None or horizon > 0)
-    np.testing.assert_allclose(np.linalg.norm(belief.mean[:, 6:10], axis=1), 1.0)
-    assert belief.root().shape[0] == 12 * len(scene.moving)
-
-
-@settings(max_examples=examples(400), suppress_health_check=[HealthCheck.too_slow])
-@given(spoiled_scenes())
-@example({"bodies": [{"name": "a", "model": "pin", "mass": 16**6000}]})
-def test_a_spoiled_scene_loads_or_is_refused(content):
-    load_or_refuse(content)
 
 
 @settings(max_examples=examples(200), suppress_health_check=[HealthCheck.function_scoped_fixture])

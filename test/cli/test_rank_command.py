@@ -5,13 +5,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 import yaml
 
-from unc_physics import FellOff, InRegion, Touches, Upright, rank
+from unc_physics import Touches, Upright, rank
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import ErrorCode
+from unc_physics.cli.schema_command import schema_text
 from unc_physics.prediction.actions import apply_action
 from unc_physics.prediction.actions_file import load_actions
 
@@ -54,20 +56,10 @@ def test_the_table_has_what_it_tells_below_its_headings(capsys):
             assert 0.0 <= float(row[end - 5 : end]) <= 1.0 and row[end - 6] == " "
 
 
-def test_scores_of_a_file_are_events(tmp_path):
-    score = [
-        {"in_region": {"object": "salt_box", "region": "bin"}},
-        {"not": {"touches": {"object": "salt_box", "other": "floor"}}},
-        {"upright": {"object": "salt_box", "axis": [0, 0, 1], "angle": 0.5}},
-        {"not": {"fell_off": "salt_box"}},
-    ]
-    (inside, _), (touched, happens), (upright, _), (off, off_happens) = load_actions(
-        changed(tmp_path, score=score)
-    ).score.parts
-    assert isinstance(inside, InRegion) and inside.region.size.tolist() == [0.3, 0.2, 0.147]
-    assert isinstance(touched, Touches) and not happens and touched.other == "floor"
-    assert isinstance(upright, Upright) and upright.angle == 0.5 and upright.axis.tolist() == [0.0, 0.0, 1.0]
-    assert isinstance(off, FellOff) and not off_happens and off.support == ""
+def test_several_scores_are_one_event_of_all(tmp_path):
+    several = [{"not": {"touches": {"object": "salt_box", "other": "floor"}}}, {"upright": "salt_box"}]
+    (touched, happens), (upright, _) = load_actions(changed(tmp_path, score=several)).score.parts
+    assert (touched, happens) == (Touches("salt_box", "floor"), False) and upright == Upright("salt_box")
 
 
 def test_a_scene_may_be_in_a_file_of_its_own(tmp_path):
@@ -87,52 +79,57 @@ def test_paths_and_wrenches_are_written_as_in_scene_files(tmp_path):
     assert wrench.force.tolist() == [1, 0, 0] and wrench.duration == 0.2
 
 
-BAD = {
-    "no score": ({"score": None}, "score must be given"),
-    "an unknown key": ({"scores": []}, "actions file has no key 'scores'; did you mean 'score'?"),
-    "no events": ({"score": []}, "score must name at least one event"),
-    "an unknown event": (
-        {"score": {"uprigth": "salt_box"}},
-        "score has no key 'uprigth'; did you mean 'upright'?",
-    ),
-    "no region": ({"score": {"in_region": "salt_box"}}, "score.in_region.region must be given"),
-    "no text": ({"score": {"upright": {"object": 3}}}, "score.upright.object must be a non-empty text"),
-    "no such object": ({"score": {"upright": "cup"}}, "score.object names no body of the scene"),
-    "of what is reported": ({"also": [{"upright": "cup"}]}, "also[0].object names no body of the scene"),
-    "no actions": ({"actions": {}}, "actions must name at least one action"),
-    "actions in a list": ({"actions": [1]}, "actions must be a mapping of names to changes"),
-    "a key of version 0.2": (
-        {"smallest_first": True},
-        "actions file has the key 'smallest_first', which was removed in version 0.3: negate",
-    ),
-    "two regions of a name": (
-        {"regions": [{"name": "bin", "size": [1, 1, 1]}] * 2},
-        "regions[1].name is the name of two regions",
-    ),
-    "no list": ({"also": {"upright": "salt_box"}}, "also must be a list"),
-    "no change": ({"actions": {"a": {"salt_box": 3}}}, "actions['a'].salt_box must be a mapping of fields"),
-    "a bad change": (
-        {"actions": {"a": {"salt_box": {"position": [0, 0]}}}},
-        "actions['a'].salt_box.position must be a list of 3 numbers",
-    ),
-    "no region's size": ({"regions": [{"name": "bin"}]}, "regions[0] must have a name and a size"),
-    "a bad scene": ({"scene": {"bodies": []}}, "scene.bodies must name at least one body"),
-    "a bad pose": (
-        {"actions": {"a": {"salt_box": {"trajectory": [{"time": 0}]}}}},
-        "actions['a'].salt_box.trajectory[0].position must be given",
-    ),
-    "a scene file": ({"bodies": []}, "actions file is a scene file, which 'predict' and 'view' take"),
-    "no scene": ({"scene": 3}, "scene must be the path of a scene file, or its content"),
-}
+def score(**event):
+    return {"score": event}
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_a_wrong_file_is_told_in_a_sentence(case, tmp_path, capsys):
-    entries, sentence = BAD[case]
-    status = main(["rank", changed(tmp_path, **entries), *SHORT])
+def action(**change):
+    return {"actions": {"a": {"salt_box": change}}}
+
+
+#: Entries, the sentence, and whether the schema cannot say what is wrong.
+BAD = [
+    ({"score": None}, "score must be given"),
+    ({"scores": []}, "actions file has no key 'scores'; did you mean 'score'?"),
+    ({"score": []}, "score must name at least one event"),
+    (score(uprigth="salt_box"), "score has no key 'uprigth'; did you mean 'upright'?"),
+    (score(upright="salt_box", at_rest="salt_box"), "score must be "),
+    (score(in_region="salt_box"), "score.in_region.region must be given"),
+    (score(in_region={"object": "salt_box", "region": {"name": "bin"}}), "score.in_region.region"),
+    (score(upright={"object": 3}), "score.upright.object must be a non-empty text"),
+    (score(upright={"object": "salt_box", "axis": [0, 1]}), "score.upright.axis"),
+    (score(upright={"object": "salt_box", "angle": -0.1}), "score.upright.angle"),
+    (score(at_rest={"object": "salt_box", "speed": "slow"}), "score.at_rest.speed"),
+    (score(touches="salt_box"), "score.touches"),
+    (score(touches={"object": "salt_box", "other": ""}), "score.touches.other"),
+    (score(upright="cup"), "score.object names no body of the scene", True),
+    ({"also": [{"upright": "cup"}]}, "also[0].object names no body of the scene", True),
+    ({"also": {"upright": "salt_box"}}, "also must be a list"),
+    ({"actions": {}}, "actions must name at least one action"),
+    ({"actions": [1]}, "actions must be a mapping of names to changes"),
+    ({"actions": {"a": {"salt_box": 3}}}, "actions['a'].salt_box must be a mapping of fields"),
+    (action(position=[0, 0]), "actions['a'].salt_box.position must be a list of 3 numbers", True),
+    (action(trajectory=[{"time": 0}]), "actions['a'].salt_box.trajectory[0].position must be given", True),
+    ({"smallest_first": True}, "actions file has the key 'smallest_first', which was removed in version 0.3"),
+    ({"regions": [{"name": "bin", "size": [1, 1, 1]}] * 2}, "regions[1].name is the name of two", True),
+    ({"regions": [{"name": "bin"}]}, "regions[0] must have a name and a size"),
+    ({"scene": {"bodies": []}}, "scene.bodies must name at least one body"),
+    ({"scene": 3}, "scene must be the path of a scene file, or its content"),
+    ({"bodies": []}, "actions file is a scene file, which 'predict' and 'view' take"),
+]
+
+
+@pytest.mark.parametrize(("entries", "sentence", "unseen"), [(*case, False)[:3] for case in BAD])
+def test_a_wrong_file_is_told_in_a_sentence_and_does_not_fit_the_schema(
+    entries, sentence, unseen, tmp_path, capsys
+):
+    path = changed(tmp_path, **entries)
+    status = main(["rank", path, *SHORT])
     said = capsys.readouterr().err
     assert status >= ErrorCode.INVALID_REQUEST and said.count("\n") == 1
     assert said.startswith(f"unc_physics: {sentence}"), said
+    schema = jsonschema.Draft202012Validator(json.loads(schema_text("actions")))
+    assert schema.is_valid(yaml.safe_load(Path(path).read_text())) == unseen
 
 
 def test_a_wrong_option_is_told_in_a_sentence(tmp_path, capsys):
