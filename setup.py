@@ -55,7 +55,6 @@ setup(
         (f"lib/{NAME}", sorted(glob("scripts/*", root_dir=HERE))),
         *shared("models", "*.npz", "README.md"),
         *shared("examples", "*.py"),
-        *shared("examples/actions", "*.yaml"),
         *shared("examples/scenes", "*.yaml"),
         *shared("examples/tosses", "*"),
         *shared("launch", "*.py"),

@@ -31,7 +31,6 @@ ROS_MODULES = [  # of the node and its client; the site is built without ROS, to
 ]
 SCHEMAS = {
     "scene": ("Scene files", "The keys of a scene file, which `load_scene` and the commands read."),
-    "actions": ("Action files", "The keys of a file of actions, which the command `rank` reads."),
     "prediction": ("JSON output", "The keys of the object that `predict --json` prints."),
 }
 TOPICS = {

@@ -70,15 +70,6 @@ def model(name: str, up: str = "z") -> Picture:
     return Picture(("unc_physics", "show", name, "--up", up, "-o", "OUT"), sources)
 
 
-def ranking(name: str) -> Picture:
-    """Actions by their probability of success."""
-    file = f"examples/actions/{name}.yaml"
-    bodies = yaml.safe_load((ROOT / file).read_text())["scene"]["bodies"]
-    models = sorted({f"models/{body['model']}.npz" for body in bodies})
-    sources = file, *models, "unc_physics/plots/ranking_picture.py"
-    return Picture(("unc_physics", "rank", file, "--picture", "OUT"), sources)
-
-
 def experiment(name: str, figure: str, plots: str = "plots") -> Picture:
     """A figure of the evaluation."""
     sources = f"{EVALUATION}/experiments/{name}.py", f"{EVALUATION}/{plots}.py"
@@ -104,7 +95,6 @@ def pictures() -> dict[str, Picture]:
         "scenes/release_over_bin.png": scene("release_over_bin", "--period", "0.05", *SAMPLED),
         "scenes/put_bottle_down.png": scene("put_bottle_down", "--period", "0.1"),
         "scenes/belt_against_fence.png": scene("belt_against_fence", "--period", "0.25"),
-        "ranking.png": ranking("release_over_bin"),
         "table.gif": animation("table", "--period", "0.05", "--probabilities", *SAMPLED),
         "models_bunny.png": model("bunny", "y"),
         "models_mug.png": model("mug"),

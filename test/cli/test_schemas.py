@@ -1,4 +1,4 @@
-"""The JSON schemas say what scene files, files of actions and predictions are."""
+"""The JSON schemas say what scene files and predictions are."""
 
 import dataclasses
 import json
@@ -12,8 +12,6 @@ from example_scenes import two_bodies
 from unc_physics import PROPAGATORS, UncPhysicsError
 from unc_physics.__main__ import main
 from unc_physics.cli.schema_command import SCHEMAS, schema_text
-from unc_physics.prediction import actions_file
-from unc_physics.prediction.event_entries import REGION_KEYS
 from unc_physics.scene import scene_file
 from unc_physics.scene.environment import ELEMENTS, quantities
 
@@ -67,25 +65,6 @@ def test_the_scene_schema_has_the_reader_s_keys():
         assert set(element[name]["properties"]) == set(known)
         needed = {key for key in known if defaults[key] is dataclasses.MISSING}
         assert set(element[name].get("required", ())) == needed
-
-
-def test_the_schema_of_actions_has_the_reader_s_keys():
-    found = schema("actions")
-    assert set(found["properties"]) == set(actions_file._KEYS)
-    assert set(found["$defs"]["region"]["properties"]) == set(REGION_KEYS)
-
-
-def actions():
-    return yaml.safe_load((ROOT / "examples" / "actions" / "release_over_bin.yaml").read_text())
-
-
-def test_files_of_actions_fit_their_schema():
-    assert not problems("actions", actions())
-    named = actions() | {
-        "scene": "scene.yaml",
-        "score": [{"upright": "salt_box"}, {"not": {"at_rest": "salt_box"}}],
-    }
-    assert not problems("actions", named)
 
 
 @pytest.mark.parametrize("path", SCENE_FILES, ids=lambda path: path.stem)

@@ -93,7 +93,6 @@ def test_core_installs_and_predicts_without_ros(tmp_path):
     assert (folder / "py.typed").is_file(), "without it type checkers take everything for Any"
     assert (folder / "__init__.pyi").is_file(), "without it nothing is public"
     assert sorted(path.name for path in (folder / "schemas").iterdir()) == [
-        "actions.schema.json",
         "prediction.schema.json",
         "scene.schema.json",
     ]

@@ -1,9 +1,8 @@
-"""Events as files and the command line have them: keys, arguments and schema follow from the classes."""
+"""Events as the command line has them: keys and arguments follow from the classes."""
 
 import json
 from dataclasses import dataclass
 
-import jsonschema
 import numpy as np
 import pytest
 import yaml
@@ -12,9 +11,8 @@ from example_scenes import two_bodies
 from unc_physics import AtRest, BoxRegion, FellOff, InRegion, Touches, Upright
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import InvalidRequestError
-from unc_physics.cli.schema_command import schema_text
-from unc_physics.prediction.event_entries import event_from_text, read_event
-from unc_physics.prediction.events import EVENTS, BodyEvent, argument, register_event
+from unc_physics.prediction.event_entries import event_from_text
+from unc_physics.prediction.events import EVENTS, BodyEvent, register_event
 from unc_physics.spatial.layout import VELOCITY
 
 BIN = BoxRegion("bin", (1.0, 2.0, 3.0))
@@ -29,7 +27,7 @@ def faster_than():
     class FasterThan(BodyEvent):
         """The body's centre of mass is faster than a limit."""
 
-        speed: float = argument("limit of its speed [m/s]")
+        speed: float
 
         def distances(self, outcomes):
             return np.linalg.norm(self.states(outcomes)[:, VELOCITY], axis=1) - self.speed
@@ -57,17 +55,10 @@ def test_a_text_is_an_event(text, event):
     assert event_from_text(text, "--event") == event
 
 
-def test_a_region_is_known_by_its_name():
-    entry = {"object": "cup", "region": "bin"}
-    assert read_event({"in_region": entry}, {"bin": BIN}, "score") == InRegion("cup", BIN)
-    with pytest.raises(InvalidRequestError, match=r"^score.in_region.region is none.*'bin'\?"):
-        read_event({"in_region": entry | {"region": "bim"}}, {"bin": BIN}, "score")
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("upright: [", "--event must be an event as in a file of actions"),
+        ("upright: [", "--event must be an event in YAML"),
         ("upright", "--event must be a mapping with one key of in_region, at_rest, "),
         ("faster_than: can", "--event.faster_than.speed must be given"),
         ("faster_than: {object: can, speed: quick}", "--event.faster_than.speed must be a number"),
@@ -77,6 +68,9 @@ def test_a_region_is_known_by_its_name():
         ("faster_than: [can, 1]", "--event.faster_than must be a mapping of keys to values"),
         ("at_rest: {object: can, speed: -1}", "--event.at_rest.speed must be positive"),
         ("upright: {object: can, axis: 1}", "--event.upright.axis must be a list of 3 numbers"),
+        ("touches: {object: can, other: 3}", "--event.touches.other must be a non-empty text"),
+        ("in_region: {object: can, region: bin}", "--event.in_region.region must be a mapping"),
+        ("in_region: {object: can, region: {name: bin}}", "--event.in_region.region must have a name and"),
     ],
 )
 def test_a_wrong_event_is_told_in_a_sentence(text, sentence, faster_than):
@@ -85,13 +79,9 @@ def test_a_wrong_event_is_told_in_a_sentence(text, sentence, faster_than):
     assert str(caught.value).startswith(sentence)
 
 
-def test_a_new_class_is_known_to_files_schema_and_command_line(faster_than, tmp_path, capsys):
-    entry = {"faster_than": {"object": "left", "speed": 2}}
-    assert read_event(entry, {}, "score") == faster_than("left", 2.0)
-    schema = json.loads(schema_text("actions"))["$defs"]["event"]["properties"]["faster_than"]
-    assert schema["description"] == "The body's centre of mass is faster than a limit."
-    check = jsonschema.Draft202012Validator(schema).is_valid
-    assert check(entry["faster_than"]) and not check({"object": "left"}) and not check("left")
+def test_a_new_class_is_known_to_the_command_line(faster_than, tmp_path, capsys):
+    text = "faster_than: {object: left, speed: 2}"
+    assert event_from_text(text, "--event") == faster_than("left", 2.0)
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(two_bodies() | {"horizon": 0.01}))
     answers = []

@@ -125,7 +125,7 @@ def test_the_example_of_a_shelf(ranking):
     with pytest.raises(UncPhysicsError, match="name is no action; did you mean 'middle'"):
         ranking["midle"]
     contacts = rank(SCENE, BELIEF, ACTIONS, Touches("box", "shelf"), 0.05, rollouts=20)
-    assert contacts.best.margin is None and "Contacts have no margin" in str(contacts)
+    assert contacts.best.margin is None
 
 
 def test_a_ranking_depends_on_nothing_but_its_seed(ranking):
@@ -226,17 +226,17 @@ def test_candidates_that_fail_leave_the_others():
     cup = replace(SCENE, bodies=[replace(SCENE.bodies[0], name="cup")])
     good = {name: Belief.of(SCENE, {"box": held(offset)}) for name, offset in OFFSETS.items()}
     marks = marks_of(SCENE, 0.2, None)
-    candidates = [
-        Candidate("fast", SCENE, fast, marks),
-        *(Candidate(name, SCENE, belief, marks) for name, belief in good.items()),
-        Candidate("cup", cup, BELIEF, marks),
-    ]
+    well = {name: Candidate(SCENE, belief, marks) for name, belief in good.items()}
+    bad = {"fast": Candidate(SCENE, fast, marks), "cup": Candidate(cup, BELIEF, marks)}
     propagator, errors = make_propagator("monte_carlo", samples=40), {}
     with np.errstate(all="ignore"):
-        found = rank_candidates(candidates, propagator, ON_SHELF, lambda k, error: errors.update({k: error}))
-        assert {k: error.field for k, error in errors.items()} == {0: "prediction", 4: "score.object"}
-        alone = rank_candidates(candidates[1:4], propagator, ON_SHELF, None, budget=found.rollouts)
-        none = rank_candidates([candidates[0], candidates[4]], propagator, ON_SHELF, lambda *_: None)
+        found = rank_candidates(bad | well, propagator, ON_SHELF, errors.setdefault)
+        assert {k: error.field for k, error in errors.items()} == {
+            "fast": "prediction",
+            "cup": "score.object",
+        }
+        alone = rank_candidates(well, propagator, ON_SHELF, None, budget=found.rollouts)
+        none = rank_candidates(bad, propagator, ON_SHELF, lambda *_: None)
     assert [action.name for action in found] == [action.name for action in alone]
     for one, other in zip(found, alone, strict=True):
         count = min(one.rollouts, other.rollouts)

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from unc_physics.prediction.sequential_halving import (
-    FIRST_ROUND,
-    SequentialHalving,
-    chance,
-    difference,
-    wins_and_losses,
-)
+from unc_physics.prediction.sequential_halving import FIRST_ROUND, SequentialHalving, chance, wins_and_losses
 
 ROLLOUTS, BUDGET = 1000, 2000
 STATISTICS = 4.0  # standard errors
@@ -60,7 +54,7 @@ def test_a_best_one_is_rarely_called_worse(common):
     called = naive = 0
     for _ in range(races):
         outcomes = tosses(rng, probabilities, common)
-        halving = run(SequentialHalving(6, ROLLOUTS, 6 * ROLLOUTS, risk), outcomes)
+        halving = run(SequentialHalving(range(6), ROLLOUTS, 6 * ROLLOUTS, risk), outcomes)
         called += 0 in halving.losers
         leader = outcomes[outcomes[:, :64].mean(axis=1).argmax(), :64]
         naive += chance(*wins_and_losses(leader, outcomes[0, :64])[:2]) <= 0.9
@@ -73,7 +67,7 @@ def test_clear_losers_get_few_tosses_and_the_best_ones_most():
     probabilities = [0.05, 0.9, 0.1, 0.8, 0.0, 0.95, 0.3, 0.2, 0.6, 0.15]
     regrets = []
     for _ in range(50):
-        halving = run(SequentialHalving(10, ROLLOUTS, BUDGET), tosses(rng, probabilities, common=False))
+        halving = run(SequentialHalving(range(10), ROLLOUTS, BUDGET), tosses(rng, probabilities, False))
         counts = [len(halving.outcomes[k]) for k in range(10)]
         assert sum(counts) == halving.spent <= BUDGET
         assert max(counts[0], counts[2], counts[4]) <= 4 * FIRST_ROUND and {0, 2, 4} <= halving.losers
@@ -85,7 +79,7 @@ def test_clear_losers_get_few_tosses_and_the_best_ones_most():
 @pytest.mark.parametrize("rollouts", [50, 160, ROLLOUTS])
 def test_with_a_budget_for_all_only_clear_losers_leave(rollouts):
     outcomes = tosses(np.random.default_rng(2), [0.515, 0.52, 0.512, 0.05])[:, :rollouts]
-    halving = run(SequentialHalving(4, rollouts, 4 * rollouts), outcomes)
+    halving = run(SequentialHalving(range(4), rollouts, 4 * rollouts), outcomes)
     assert [len(halving.outcomes[k]) for k in range(3)] == [rollouts] * 3 and halving.losers == {3}
     assert len(halving.outcomes[3]) <= 40
     assert halving.order[:3] == sorted(range(3), key=lambda k: -outcomes[k].mean())
@@ -105,29 +99,33 @@ def test_with_a_budget_for_all_only_clear_losers_leave(rollouts):
 )
 def test_equal_candidates_share_the_budget(candidates, rollouts, budget, counts):
     """No one loses; equals keep the order in which they were given."""
-    halving = run(SequentialHalving(candidates, rollouts, budget), np.ones((candidates, ROLLOUTS), bool))
+    halving = run(SequentialHalving(range(candidates), rollouts, budget), np.ones((candidates, 1000), bool))
     assert [len(halving.outcomes[k]) for k in range(candidates)] == counts
-    assert halving.order == halving.ties() == list(range(candidates)) and not halving.losers
+    assert halving.order == halving.ties() == [*range(candidates)] and not halving.losers
 
 
-def test_a_dropped_candidate_is_in_no_order():
+def test_a_candidate_without_outcomes_is_in_no_order():
     outcomes = tosses(np.random.default_rng(4), [0.9, 0.5, 0.95, 0.1])
-    halving = SequentialHalving(4, 80, 320)
+    halving = SequentialHalving(range(4), 80, 320)
     halving.add({k: outcomes[k, : halving.count] for k in halving.remaining})
-    halving.drop(2)
-    halving.drop(3)
+    halving.add({k: outcomes[k, : halving.count] for k in (0, 1)})
     run(halving, outcomes)
-    assert halving.order == [0, 1] and halving.spent == sum(len(halving.outcomes[k]) for k in (0, 1))
+    assert {0, 1} <= {*halving.order} <= {0, 1, 3} and not halving.remaining
+    assert halving.spent == sum(len(halving.outcomes[k]) for k in halving.order)
+    halving = SequentialHalving(range(4), 80, 320)
+    halving.add({})
+    assert not halving.order and not halving.ties() and not halving.remaining and halving.spent == 0
 
 
 def test_the_error_of_a_difference_is_that_of_pairs():
-    rng = np.random.default_rng(3)
-    one, other = tosses(rng, [0.6, 0.55])
-    found = difference(one, other)
+    one, other = tosses(np.random.default_rng(3), [0.6, 0.55])
+    halving = SequentialHalving("ab", ROLLOUTS, 2 * ROLLOUTS)
+    halving.add({"a": one, "b": other})
+    found = halving.difference("a", "b")
     pairs = one.astype(float) - other
     assert found.value == pairs.mean() and found.draws == ROLLOUTS
     assert found.std == pytest.approx(pairs.std() / math.sqrt(ROLLOUTS), rel=0.02)
     independent = math.sqrt((one.var() + other.var()) / ROLLOUTS)
     assert found.std < 0.5 * independent, "common draws must pay"
-    few = difference(one[:16], one[:16] ^ True)
-    assert few.std > 0.0
+    halving.add({"a": one[:16], "b": ~one[:16]})
+    assert halving.difference("a", "b").std > 0.0

@@ -118,7 +118,7 @@ def test_a_ranking_that_is_ended_holds_what_was_ranked(monkeypatch, rounds):
     entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
     request.request.propagator, result = "monte_carlo", Result()
     order = node_candidates.rank_entries(server, request, server.read(request.request), entries, result)
-    assert order == ([2, 0] if rounds else []) and result.error_code == ErrorCode.TIMEOUT
+    assert order == ({"over": 0, "beside": 1} if rounds else {}) and result.error_code == ErrorCode.TIMEOUT
     codes = [entry.result.error_code for entry in entries]
     others = ErrorCode.NONE if rounds else ErrorCode.TIMEOUT
     assert codes == [others, ErrorCode.INVALID_MASS, others]

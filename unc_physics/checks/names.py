@@ -33,7 +33,7 @@ _REMOVED = {
     "return_center_of_mass": "was removed in version 0.3: leave it out; states are those of the models'"
     " origins, and center_of_mass of ~/list_models is the vector from there to the centre of mass",
     "reduce": "was removed in version 0.3: leave it out; 'cloud' leaves common motion to a closed form",
-    "smallest_first": "was removed in version 0.3: negate the score instead ('not' in files, ~ in Python)",
+    "smallest_first": "was removed in version 0.3: negate the score instead (~event)",
 }
 Class = TypeVar("Class", bound=type)
 Function = TypeVar("Function", bound=Callable[..., Any])

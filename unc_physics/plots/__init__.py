@@ -1,1 +1,1 @@
-"""Pictures of predictions and rankings; Matplotlib is imported only for drawing."""
+"""Pictures of predictions; Matplotlib is imported only for drawing."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
+from ..checks.errors import InvalidRequestError, NotSupportedError
 from ..checks.names import hint
 from ..scene.belief import Belief
 from ..scene.body_belief import MEANS, STDS, BodyBelief
@@ -30,22 +30,12 @@ _PLACES = MEANS | {"orientation": QUATERNION}
 _OF_BELIEF = (*_PLACES, *STDS, "covariance", "origin")
 
 
-def apply_action(scene: Scene, belief: Belief, action: Action, field: str) -> tuple[Scene, Belief]:
+def apply_action(scene: Scene, belief: Belief, action: Action) -> tuple[Scene, Belief]:
     """Return the scene and the belief after an action.
 
-    Raises `UncPhysicsError`, which calls the action ``field``, if it is of another type, names an unknown
-    body or element, or returns no scene or no belief.
+    Raises `UncPhysicsError` if the action is of another type, names an unknown body or element, or returns no
+    scene or no belief.
     """
-    try:
-        scene, belief = _applied(scene, belief, action)
-        belief.check_fits(scene)
-    except UncPhysicsError as error:
-        place = f"{field}: {error.field}" if error.field else field
-        raise error.at(place) from error
-    return scene, belief
-
-
-def _applied(scene, belief, action):
     if isinstance(action, Belief):
         return scene, action
     if isinstance(action, Mapping):

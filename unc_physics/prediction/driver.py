@@ -46,12 +46,15 @@ class PropagationResult(NamedTuple):
     points_history : ContactHistory or None
         Of the sigma points that settled at time 0, for a propagator with a single nominal rollout on the
         implicit step.
+    first : NamedTuple
+        The propagator's carry at time 0.
     """
 
     initial: Belief
     start: Belief
     snapshots: tuple[Snapshot, ...]
     points_history: ContactHistory | None
+    first: Any
 
 
 def simulate(
@@ -137,10 +140,13 @@ def run(
     compute_budget: ComputeBudget,
     progress: Callable[[int, int], object] | None = None,
     events: Sequence[Event] = (),
+    earlier: Sequence[Any] = (),
 ) -> PropagationResult:
     """Propagate a belief to all marks; the arguments are already checked.
 
     Anytime propagators add rollouts until the probabilities of ``events`` are accurate enough at all marks.
+    ``earlier`` are carries of the first rollouts of Monte Carlo with the same seed, at time 0 and at each
+    mark; only the others are simulated.
 
     Raises
     ------
@@ -149,7 +155,7 @@ def run(
     UncPhysicsError
         As `simulate`; its ``prediction`` is the `PropagationResult` to the time reached, or None.
     """
-    return _Propagation(scene, given, propagator, marks, compute_budget, events).run(progress)
+    return _Propagation(scene, given, propagator, marks, compute_budget, events).run(progress, earlier)
 
 
 class _Propagation:
@@ -172,7 +178,7 @@ class _Propagation:
         self._snapshots: list[Snapshot] = []
         self._first: Any = None  # carry at time 0
 
-    def run(self, progress):
+    def run(self, progress, earlier):
         """Return the `PropagationResult`."""
         scene = self._scene
         propagator: Any = self._propagator
@@ -181,7 +187,15 @@ class _Propagation:
         waiting: list[tuple[Mark, Any]] = []
         try:
             begin = partial(propagator.init, scene, self._belief)
+            if earlier:
+                count = rollout_count(earlier[0])
+                begin = partial(propagator.init_rollouts, scene, self._belief, count, propagator.samples)
+            known = dict(zip([whole(0, scene.dt), *self._marks], earlier, strict=False))
             for mark, carry in self._simulate(begin, self._marks, progress):
+                if earlier:
+                    if mark not in known:  # where time ran out
+                        continue
+                    carry = propagator.concatenate(known[mark], carry)
                 if mark.time == 0.0:
                     self._first = carry
                 elif waits:
@@ -216,7 +230,9 @@ class _Propagation:
         self._snapshots.extend(_snapshots_of(self._propagator, self._scene, waiting))
         moved = are_moved_at_start(self._scene, self._first)
         start = self._propagator.belief(self._first, self._scene) if moved else self._initial
-        return PropagationResult(self._initial, start, tuple(self._snapshots), self._points_history)
+        return PropagationResult(
+            self._initial, start, tuple(self._snapshots), self._points_history, self._first
+        )
 
     def _with_additional_rollouts(self, waiting):
         """Add rollouts to the carries until the propagator needs no more, or time is up.

@@ -10,12 +10,12 @@ import math
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..checks.array_field import OptionalArray
+from ..checks.array_field import OptionalArray, array_field
 from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import array, instance, positive
@@ -33,26 +33,17 @@ _LEVEL = 1e-9  # of a plane's normal, from up
 
 
 Kind = TypeVar("Kind", bound="type[Event]")
-#: Classes of events by their keys in files, on the command line and in schemas (`register_event`).
+#: Classes of events by their keys on the command line (`register_event`).
 EVENTS: dict[str, type[Event]] = {}
 
 
 def register_event(kind: Kind) -> Kind:
     """Add a class of events to `EVENTS`; its key is its name in snake case.
 
-    `event_entries` then reads the event from files and from the command line, and describes it in the schema.
+    `event_entries` then reads the event from the command line.
     """
     EVENTS[re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()] = kind
     return kind
-
-
-def argument(description: str, default: Any = MISSING, *, positive: bool = False) -> Any:
-    """Return a dataclass field of an event; without a default it is required.
-
-    ``description`` is its meaning with its unit, and ``positive`` whether a number must be above 0. Both are
-    for the schema of files; the class checks the value.
-    """
-    return field(default=default, metadata={"description": description, "positive": positive})
 
 
 _FAR = 8.0  # standard deviations from an event's border, beyond which a margin says nothing more
@@ -159,7 +150,7 @@ class Event(ABC):
 class BodyEvent(Event):
     """An event of one body's state."""
 
-    object: str = argument("name of the body")
+    object: str
 
     def bounds(self, outcomes):
         happened = self.distances(outcomes) > 0.0
@@ -203,7 +194,7 @@ class InRegion(BodyEvent):
     region : BoxRegion
     """
 
-    region: BoxRegion = argument("name of a region of the file, or a region")
+    region: BoxRegion
 
     def __post_init__(self):
         instance(self.region, BoxRegion, "region")
@@ -222,16 +213,8 @@ class AtRest(BodyEvent):
     ``angular_speed`` [rad/s].
     """
 
-    speed: float = argument(
-        f"limit of the speed of its centre of mass [m/s]; by default {REST_SPEED:g}",
-        REST_SPEED,
-        positive=True,
-    )
-    angular_speed: float = argument(
-        f"limit of its angular speed [rad/s]; by default {math.degrees(REST_ANGULAR_SPEED):g} deg/s",
-        REST_ANGULAR_SPEED,
-        positive=True,
-    )
+    speed: float = REST_SPEED
+    angular_speed: float = REST_ANGULAR_SPEED
 
     def __post_init__(self):
         for name in ("speed", "angular_speed"):
@@ -263,14 +246,8 @@ class Upright(BodyEvent):
         [rad]
     """
 
-    axis: OptionalArray = argument(
-        "axis in the body's frame; by default the one that points up at time 0", None
-    )
-    angle: float = argument(
-        f"limit of the axis' angle from up [rad]; by default {math.degrees(UPRIGHT_ANGLE):g} degrees",
-        UPRIGHT_ANGLE,
-        positive=True,
-    )
+    axis: OptionalArray = array_field(None)
+    angle: float = UPRIGHT_ANGLE
 
     def __post_init__(self):
         if positive(self.angle, "angle") > math.pi:
@@ -309,10 +286,8 @@ class FellOff(BodyEvent):
         further by toppling on what carried it.
     """
 
-    support: str = argument("a body or an element of the environment; by default, whatever carried it", "")
-    drop: float | None = argument(
-        "least descent without a support [m]; by default the body's bounding radius", None, positive=True
-    )
+    support: str = ""
+    drop: float | None = None
 
     def __post_init__(self):
         if self.drop is not None:
@@ -377,7 +352,7 @@ class Touches(BodyEvent):
     """
 
     needs_contacts = True
-    other: str = argument("another body or an element; 'environment' stands for any element")
+    other: str
 
     def check(self, scene, field):
         super().check(scene, field)

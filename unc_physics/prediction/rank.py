@@ -5,27 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidRequestError, LimitExceededError, PredictionTimeoutError, UncPhysicsError
+from ..checks.errors import CanceledError, InvalidRequestError, PredictionTimeoutError, UncPhysicsError
 from ..checks.names import hint, with_known_keywords
 from ..checks.shown import printable
 from ..checks.validation import instance, integer, positive
 from ..compiler.compile_time import clock
 from ..compiler.time_limit import time_limit
-from ..propagators.base import SAMPLES_LIMIT, rollout_count
 from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator
-from ..propagators.start import constrain_belief
 from ..scene.belief import Belief
 from ..scene.marks import Mark
 from ..scene.scene import Scene
 from .actions import Action, apply_action
 from .compute_budget import ComputeBudget
-from .driver import are_moved_at_start, simulate, snapshot
+from .driver import run
 from .events import Event
 from .predict import prepare
 from .prediction import Prediction
@@ -115,41 +112,27 @@ class Ranking:
         return self.actions[names.index(name)]
 
     def __str__(self) -> str:
-        return self.table(most=FEW_LINES)
+        return self.table(FEW_LINES)
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))
 
-    def to_dict(self, also: Sequence[Event] = ()) -> dict[str, Any]:
-        """Return the ranking as plain Python values; `also` are events whose probabilities are added."""
-        return {
-            "score": str(self.score),
-            "seed": self.seed,
-            "rollouts": self.rollouts,
-            "wall_time": max(action.prediction.wall_time for action in self),
-            "actions": [
-                {
-                    "name": action.name,
-                    "score": asdict(action.score),
-                    "difference": action.difference.value,
-                    "difference_std": action.difference.std,
-                    "margin": action.margin,
-                    "tied": action.tied,
-                    "clearly_worse": action.clearly_worse,
-                    "rollouts": action.rollouts,
-                    "also": {str(event): asdict(action.prediction.probability(event)) for event in also},
-                }
-                for action in self
-            ],
-        }
+    def to_dict(self) -> dict[str, Any]:
+        """Return the ranking as plain Python values."""
+        rows = []
+        for action in self:
+            row = {key: value for key, value in vars(action).items() if key != "prediction"}
+            found = action.difference
+            row |= {"score": asdict(action.score), "difference": found.value, "difference_std": found.std}
+            rows.append(row)
+        return {"score": str(self.score), "seed": self.seed, "rollouts": self.rollouts, "actions": rows}
 
-    def table(self, also: Sequence[Event] = (), most: int | None = None) -> str:
-        """Return a table of at most ``most`` lines; each event of `also` is a column."""
+    def table(self, most: int | None = None) -> str:
+        """Return a table of at most ``most`` lines."""
         width = max(6, *(len(printable(action.name)) for action in self))
         lines = [
             f"probability of: {printable(str(self.score))}; {self.rollouts} rollouts, seed {self.seed}",
-            f"{'action':<{width}}  probability     interval           difference  margin  rollouts"
-            + "".join(f"  {f'[{k}]':>5}" for k in range(1, len(also) + 1)),
+            f"{'action':<{width}}  probability     interval           difference  margin  rollouts",
         ]
         for action in self:
             p, found = action.score, action.difference
@@ -158,22 +141,19 @@ class Ranking:
             lines.append(
                 f"{printable(action.name):<{width}}  {p.estimate:11.3f}  {p.low:.3f} to {p.high:.3f}"
                 f"  {difference:>16}  {margin:>6}  {action.rollouts:8d}"
-                + "".join(f"  {action.prediction.probability(event).estimate:.3f}" for event in also)
                 + ("  tied" if action.tied else "  clearly worse" if action.clearly_worse else "")
             )
-        notes = [f"[{k}] {printable(str(event))}" for k, event in enumerate(also, 1)]
-        tied = [action for action in self if action.tied]
-        if tied:
-            order = (
-                "Contacts have no margin, so they are in the order in which they were given."
-                if all(action.margin is None for action in tied)
-                else "They are in order of margin, the distance from failure in standard deviations."
-            )
-            notes.append(f"{len(tied)} actions are tied: within a standard error of the best score. {order}")
-        if most is not None and len(lines) + len(notes) > most:
-            kept = max(3, most - len(notes) - 1)
-            lines = [*lines[:kept], f"... {len(lines) - kept} more actions"]
-        return "\n".join(lines + notes)
+        if most is not None and len(lines) > most:
+            lines = [*lines[: most - 1], f"... {len(lines) - most + 1} more actions"]
+        return "\n".join(lines)
+
+
+class Candidate(NamedTuple):
+    """Scene with the belief about it, and the marks that it is simulated to (`checked_marks`)."""
+
+    scene: Scene
+    belief: Belief
+    marks: Sequence[Mark]
 
 
 @with_known_keywords
@@ -194,10 +174,10 @@ def rank(
 ) -> Ranking:
     """Rank a robot's possible actions by their probability of success.
 
-    All actions begin with the same random draws, and are simulated round by round. Before each round clear
-    losers are dropped, by a sign test on the draws in which they and the leader differ. The test drops the
-    best action in one ranking of a thousand. If the budget has no room for all others, the last ones are
-    dropped, too.
+    The rollouts are those of `predict` with Monte Carlo and the same seed, so that all actions begin with the
+    same random draws. They are added in rounds. Before each round clear losers are dropped, by a sign test on
+    the draws in which they and the leader differ. The test drops the best action in one ranking of a
+    thousand. If the budget has no room for all others, the last ones are dropped, too.
 
     Parameters
     ----------
@@ -256,187 +236,121 @@ def rank(
         raise InvalidRequestError("must name at least one action", field="actions")
     belief.check_fits(scene)
     score.check(scene, "score")
-    changed = {
-        name: apply_action(scene, belief, action, f"actions[{name!r}]") for name, action in actions.items()
-    }
-    rollouts = integer(rollouts, "rollouts", low=1)
-    if rollouts > SAMPLES_LIMIT:
-        raise LimitExceededError(f"must be at most {SAMPLES_LIMIT}", field="rollouts", value=rollouts)
-    propagator = make_propagator(REFERENCE, samples=rollouts, seed=seed)
+    propagator = make_propagator(REFERENCE, samples=integer(rollouts, "rollouts", low=1), seed=seed)
 
-    def failed(k, error):
-        field = f"actions[{[*changed][k]!r}]" + (f": {error.field}" if error.field else "")
-        raise error.at(field) from error
+    def failed(name, error):
+        raise error.at(f"actions[{name!r}]" + (f": {error.field}" if error.field else "")) from error
 
-    candidates = []
-    for k, (name, own) in enumerate(changed.items()):
+    candidates = {}
+    for name, action in actions.items():
         try:
-            candidates.append(Candidate(name, *own, checked_marks(*own, propagator, horizon, times)))
+            own = apply_action(scene, belief, action)
+            candidates[name] = Candidate(*own, checked_marks(*own, propagator, horizon, times))
         except UncPhysicsError as error:
-            failed(k, error)
-    return rank_candidates(
-        candidates,
-        propagator,
-        score,
-        failed,
-        budget=budget,
-        max_computation_time=max_computation_time,
-        progress=progress,
-    )
-
-
-class Candidate(NamedTuple):
-    """Scene with the belief about it, by name, and the marks that it is simulated to (`checked_marks`)."""
-
-    name: str
-    scene: Scene
-    belief: Belief
-    marks: Sequence[Mark]
+            failed(name, error)
+    limits = {"budget": budget, "max_computation_time": max_computation_time}
+    return rank_candidates(candidates, propagator, score, failed, **limits, progress=progress)
 
 
 def rank_candidates(
-    candidates: Sequence[Candidate],
+    candidates: Mapping[str, Candidate],
     propagator: Any,
     score: Event,
-    failed: Callable[[int, UncPhysicsError], object],
+    failed: Callable[[str, UncPhysicsError], object],
     *,
     budget: int | None = None,
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Ranking:
-    """Rank scenes and beliefs with a Monte Carlo propagator.
+    """Rank scenes and beliefs by name, with a Monte Carlo propagator.
 
     The propagator's ``samples`` are the most rollouts of one candidate. Other parameters and errors are those
-    of `rank`, but an error about one candidate goes to ``failed``, with the candidate's index. If ``failed``
+    of `rank`, but an error about one candidate goes to ``failed``, with the candidate's name. If ``failed``
     returns, the other candidates are ranked.
     """
-    started, count, rollouts = clock(), len(candidates), propagator.samples
-    usual = max(min(count, 2) * rollouts, round(_BUDGET_SHARE * rollouts * count), count)
-    most: int = usual if budget is None else integer(budget, "budget", low=1)
+    started, count = clock(), len(candidates)
+    most = max(min(count, 2) * propagator.samples, round(_BUDGET_SHARE * propagator.samples * count), count)
+    if budget is not None:
+        most = integer(budget, "budget", low=1)
     if most < count:
         raise InvalidRequestError(
             f"must be at least one rollout for each of {count} actions", field="budget", value=most
         )
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
-    halving, runs, stopped = SequentialHalving(count, rollouts, most), {}, []
+    halving = SequentialHalving(candidates, propagator.samples, most)
+    found: dict[str, _Simulated] = {}
 
-    def attempt(compute):
-        """Return the results by candidate, without candidates that fail."""
-        results = {}
-        for k in halving.remaining:
-            try:
-                results[k] = compute(k)
-            except UncPhysicsError as error:
-                if isinstance(error, PredictionTimeoutError) or error in stopped:
-                    raise
-                failed(k, error)
-                halving.drop(k)
-        return results
-
-    def show(done, steps):
-        assert progress is not None
-        try:
+    def show(*_):
+        if progress is not None:
             progress(halving.spent, most)
-        except UncPhysicsError as error:
-            stopped.append(error)
-            raise
 
-    def simulate_round(compute_budget):
-        counted = None if progress is None else show
-        carries = attempt(lambda k: runs[k].carries_of(halving.count, compute_budget, counted))
-        predictions = attempt(lambda k: runs[k].prediction_of(carries[k], clock() - started))
-        for k, prediction in predictions.items():
-            runs[k].carries, runs[k].prediction = carries[k], prediction
-        if predictions:
-            halving.add({k: score.happened(runs[k].outcomes) for k in predictions})
-        if counted is not None:
-            counted(0, 0)
+    def simulated(name, limit):
+        scene, belief, marks = candidates[name]
+        earlier = ()
+        if name in found:
+            scene, earlier = found[name].prediction.scene, found[name].carries
+        else:
+            score.check(scene, "score")
+            scene = prepare(scene, belief, propagator, marks)
+        own = replace(propagator, samples=halving.count)
+        ends_early = scene.integrator == "implicit"  # the explicit step's kernels do not
+        time = ComputeBudget(allowed, started, limit if ends_early else None)
+        result = run(scene, belief, own, marks, time, None if progress is None else show, earlier=earlier)
+        prediction = Prediction(scene, own, result.snapshots, result.initial, result.start, clock() - started)
+        return _Simulated(prediction, (result.first, *(one.carry for one in result.snapshots)))
 
     def ranking():
-        return _ranking(candidates, runs, halving, score, propagator) if halving.spent else None
+        return Ranking(tuple(_ranked_actions(found, halving, score)), score, propagator.seed)
 
     try:
-        runs = attempt(lambda k: _Rollouts(candidates[k], propagator, score))
         with time_limit() as limit:
             while halving.remaining:
-                simulate_round(ComputeBudget(allowed, started, limit))
-    except PredictionTimeoutError as error:
-        when = f"after {halving.spent} rollouts of {most}" if halving.spent else "in the first round"
-        ended = PredictionTimeoutError(f"ran out {when}", field=error.field, value=error.value)
-        ended.prediction = ranking()
-        raise ended from None
+                added = {}
+                for name in halving.remaining:
+                    try:
+                        added[name] = simulated(name, limit)
+                    except (PredictionTimeoutError, CanceledError):
+                        raise
+                    except UncPhysicsError as error:
+                        failed(name, error)
+                found |= added
+                halving.add({name: score.happened(one.outcomes) for name, one in added.items()})
+                show()
     except UncPhysicsError as error:
-        error.prediction = ranking()
-        raise
-    return _ranking(candidates, runs, halving, score, propagator)
+        if isinstance(error, PredictionTimeoutError):
+            when = f"after {halving.spent} rollouts of {most}" if halving.spent else "in the first round"
+            error = PredictionTimeoutError(f"ran out {when}", field=error.field, value=error.value)
+        error.prediction = ranking() if halving.spent else None
+        raise error from None
+    return ranking()
 
 
-class _Rollouts:
-    """Rollouts of one candidate, to which more can be added; parameters as for `rank_candidates`."""
+class _Simulated(NamedTuple):
+    """Prediction of a candidate, and the carries at time 0 and at each mark, to which rollouts are added."""
 
     prediction: Prediction
-
-    def __init__(self, candidate, propagator, score):
-        _, scene, belief, self._marks = candidate
-        score.check(scene, "score")
-        self._given, self._propagator = belief, propagator
-        self._scene = prepare(scene, belief, propagator, self._marks)
-        self._belief = constrain_belief(self._scene, belief)
-        self.carries = []  # at time 0, and at each mark
-
-    def carries_of(self, count, compute_budget, progress):
-        """Return the carries of the first ``count`` rollouts: those so far, and additional ones."""
-        scene, propagator = self._scene, self._propagator
-        if scene.integrator == "explicit":  # whose kernels do not end early
-            compute_budget = compute_budget._replace(limit=None)
-        first = rollout_count(self.carries[0]) if self.carries else 0
-        added = simulate(
-            partial(propagator.init_rollouts, scene, self._belief, first, count),
-            lambda carry, marks: propagator.advance_through(carry, scene, marks),
-            self._marks,
-            scene,
-            compute_budget,
-            progress,
-        )
-        carries = [carry for _, carry in added]
-        if not self.carries:
-            return carries
-        return [propagator.concatenate(*pair) for pair in zip(self.carries, carries, strict=True)]
-
-    def prediction_of(self, carries, wall_time):
-        """Return the prediction that carries represent."""
-        first, *later = carries
-        scene, own = self._scene, replace(self._propagator, samples=rollout_count(first))
-        snapshots = tuple(
-            snapshot(own, scene, carry, mark) for carry, mark in zip(later, self._marks, strict=True)
-        )
-        start = own.belief(first, scene) if are_moved_at_start(scene, first) else self._given
-        return Prediction(scene, own, snapshots, self._given, start, wall_time)
+    carries: tuple[Any, ...]
 
     @property
     def outcomes(self):
         """Outcomes of the rollouts at the horizon."""
-        return sample_outcomes(self.prediction.scene, self._given, self.prediction.at())
+        return sample_outcomes(self.prediction.scene, self.prediction.initial, self.prediction.at())
 
 
-def _ranking(candidates, runs, halving, score, propagator):
-    """Return the ranking by the rounds so far."""
-    margins = {k: score.margin(runs[k].outcomes) for k in halving.order}
+def _ranked_actions(found, halving, score):
+    """Yield the actions of a ranking by the rounds so far, in order."""
+    margins = {name: score.margin(found[name].outcomes) for name in halving.order}
     ties = halving.ties()
-    ties.sort(key=lambda k: math.inf if margins[k] is None else -margins[k])
-    actions = []
-    for k in [*ties, *(k for k in halving.order if k not in ties)]:
-        prediction = runs[k].prediction
-        actions.append(
-            RankedAction(
-                candidates[k].name,
-                prediction,
-                prediction.probability(score),
-                halving.difference(k, ties[0]),
-                margins[k],
-                len(ties) > 1 and k in ties,
-                k in halving.losers,
-                len(halving.outcomes[k]),
-            )
+    ties.sort(key=lambda name: math.inf if margins[name] is None else -margins[name])
+    for name in [*ties, *(name for name in halving.order if name not in ties)]:
+        prediction = found[name].prediction
+        yield RankedAction(
+            name,
+            prediction,
+            prediction.probability(score),
+            halving.difference(name, ties[0]),
+            margins[name],
+            len(ties) > 1 and name in ties,
+            name in halving.losers,
+            len(halving.outcomes[name]),
         )
-    return Ranking(tuple(actions), score, propagator.seed)

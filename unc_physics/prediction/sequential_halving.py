@@ -9,7 +9,7 @@ any number of tests, after any number of draws (Robbins 1970, by Ville's inequal
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -37,14 +37,6 @@ def wins_and_losses(one: np.ndarray, other: np.ndarray) -> tuple[int, int, int]:
     return int(np.count_nonzero(one & ~other)), int(np.count_nonzero(other & ~one)), count
 
 
-def difference(one: np.ndarray, other: np.ndarray) -> Difference:
-    """Return the difference from outcomes (n,) and (m,) bool; equal indices share their draws."""
-    wins, losses, count = wins_and_losses(one, other)
-    up, down = (wins + 0.5) / (count + 2), (losses + 0.5) / (count + 2)
-    std = math.sqrt((up + down - (up - down) ** 2) / (count + 2))
-    return Difference(float(wins - losses) / count, std, count)
-
-
 def chance(wins: int, losses: int) -> float:
     """Return an upper bound of the probability that wins ever exceed losses by as much as observed.
 
@@ -70,7 +62,8 @@ class SequentialHalving:
 
     Parameters
     ----------
-    candidates : int
+    candidates : iterable of str
+        Their names.
     rollouts : int
         Largest number of one candidate.
     budget : int
@@ -80,72 +73,74 @@ class SequentialHalving:
 
     Attributes
     ----------
-    outcomes : dict of int to (n,) bool array
+    outcomes : dict of str to (n,) bool array
         Successes of each candidate's rollouts so far.
-    order : list of int
+    order : list of str
         Candidates: the best one, then the others by their difference from it.
-    losers : set of int
+    losers : set of str
         Candidates that are clearly worse than another one.
-    remaining : tuple of int
+    remaining : list of str
         Candidates of the next round; empty after the last one.
     count : int
         Rollouts of each remaining candidate after the next round.
     """
 
-    def __init__(self, candidates: int, rollouts: int, budget: int, risk: float = RISK):
+    def __init__(self, candidates: Iterable[str], rollouts: int, budget: int, risk: float = RISK):
         self._rollouts, self._budget = rollouts, budget
-        self._limit = risk / max(candidates - 1, 1)  # of each pair with the best candidate
-        self.outcomes: dict[int, np.ndarray] = {k: np.zeros(0, bool) for k in range(candidates)}
-        self.losers: set[int] = set()
-        self.order, self.remaining = list(self.outcomes), tuple(self.outcomes)
-        self.count = min(FIRST_ROUND, rollouts, budget // candidates)
+        self.outcomes = {name: np.zeros(0, bool) for name in candidates}
+        self._limit = risk / max(len(self.outcomes) - 1, 1)  # of each pair with the best candidate
+        self.losers: set[str] = set()
+        self.order, self.remaining = list(self.outcomes), list(self.outcomes)
+        self.count = min(FIRST_ROUND, rollouts, budget // len(self.outcomes))
 
     @property
     def spent(self) -> int:
         """Rollouts of all candidates so far."""
         return sum(map(len, self.outcomes.values()))
 
-    def drop(self, candidate: int) -> None:
-        """Drop a candidate that cannot be simulated."""
-        del self.outcomes[candidate]
-        self.order.remove(candidate)
-        self.remaining = tuple(k for k in self.remaining if k != candidate)
+    def add(self, outcomes: Mapping[str, np.ndarray]) -> None:
+        """Take all outcomes so far of the remaining candidates, and decide on the next round.
 
-    def add(self, outcomes: Mapping[int, np.ndarray]) -> None:
-        """Take all outcomes so far of the remaining candidates, and decide on the next round."""
-        self.outcomes.update(outcomes)
+        A remaining candidate without outcomes cannot be simulated, and leaves.
+        """
+        failed = set(self.remaining) - outcomes.keys()
+        known = {name: own for name, own in self.outcomes.items() if name not in failed}
+        self.outcomes, self.remaining = {name: outcomes.get(name, own) for name, own in known.items()}, []
+        self.order = [name for name in self.order if name in known]
+        if not outcomes:
+            return
         # of equals the first ones stay first
-        left = sorted(self.remaining, key=lambda k: -self.outcomes[k].mean())
+        left = sorted(outcomes, key=lambda name: -self.outcomes[name].mean())
         best = left[0]
-        for k in left:
-            wins, losses, _ = wins_and_losses(self.outcomes[best], self.outcomes[k])
+        for name in left:
+            wins, losses, _ = wins_and_losses(self.outcomes[best], self.outcomes[name])
             if chance(wins, losses) <= self._limit:
-                self.losers.add(k)
-        left = [k for k in left if k not in self.losers]
-        others = sorted(self.outcomes.keys() - {best}, key=lambda k: (-self.difference(k, best).value, k))
-        self.order = [best, *others]
-        self.remaining, self.count = self._next_round(left)
+                self.losers.add(name)
+        others = sorted(known, key=lambda name: -self.difference(name, best).value)
+        self.order = [best, *(name for name in others if name != best)]
+        self._choose([name for name in left if name not in self.losers])
 
-    def _next_round(self, left):
-        """Return the candidates of the next round out of ``left``, and the rollouts of each after it."""
+    def _choose(self, left):
+        """Choose the candidates of the next round out of ``left``, and the rollouts of each after it."""
         count, rest = self.count, self._budget - self.spent
         if count >= self._rollouts or rest < len(left):
-            return (), count
-        if len(left) == 1:
-            return tuple(left), min(self._rollouts, count + rest)
-        rounds = math.ceil(math.log2(self._rollouts / count))
-        wanted = min(2 * count, self._rollouts)
-        if rest < len(left) * (self._rollouts - count):
+            return
+        wanted = self._rollouts if len(left) == 1 else min(2 * count, self._rollouts)
+        if len(left) > 1 and rest < len(left) * (self._rollouts - count):
+            rounds = math.ceil(math.log2(self._rollouts / count))
             left = left[: max(rest // rounds // (wanted - count), 2)]
-        return tuple(left), min(wanted, count + rest // len(left))
+        self.remaining, self.count = left, min(wanted, count + rest // len(left))
 
-    def difference(self, k: int, other: int) -> Difference:
-        """Return the difference of success between two candidates."""
-        if k == other:
-            return Difference(0.0, 0.0, len(self.outcomes[k]))
-        return difference(self.outcomes[k], self.outcomes[other])
+    def difference(self, name: str, other: str) -> Difference:
+        """Return the difference of success between two candidates, over the draws that both have."""
+        wins, losses, count = wins_and_losses(self.outcomes[name], self.outcomes[other])
+        if name == other:
+            return Difference(0.0, 0.0, count)
+        up, down = (wins + 0.5) / (count + 2), (losses + 0.5) / (count + 2)
+        std = math.sqrt((up + down - (up - down) ** 2) / (count + 2))
+        return Difference(float(wins - losses) / count, std, count)
 
-    def ties(self) -> list[int]:
+    def ties(self) -> list[str]:
         """Return the candidates within a standard error of the best one, which comes first."""
         differences = {k: self.difference(k, self.order[0]) for k in self.order if k not in self.losers}
         return [k for k, found in differences.items() if abs(found.value) <= found.std]

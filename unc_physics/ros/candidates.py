@@ -55,8 +55,7 @@ class CandidatesService(BackgroundService):
             entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
             if request.score:
                 order = rank_entries(server, request, base, entries, response.result)
-                order += [k for k in range(len(entries)) if k not in order]
-                entries = [entries[k] for k in order]
+                entries.sort(key=lambda entry: order.get(entry.candidate, len(order)))
             else:
                 self._predict_each(request, base, entries, started)
                 late = [own.result for own in entries if own.result.error_code == ErrorCode.TIMEOUT]
@@ -81,11 +80,11 @@ class CandidatesService(BackgroundService):
 
 def rank_entries(
     server, request: PredictCandidates.Request, base: Job, entries: list[CandidatePrediction], result: Result
-) -> list[int]:
-    """Rank the candidates of a request, write them into their entries, and return their indices in order.
+) -> dict[str, int]:
+    """Rank the candidates of a request, write them into their entries, and return their places by name.
 
-    A candidate with an error is not in the order; its entry holds the error. An error that ended the ranking
-    is written into ``result``, and into each entry that has no answer. ``base`` is the job of the request
+    A candidate with an error has no place; its entry holds the error. An error that ended the ranking is
+    written into ``result``, and into each entry that has no answer. ``base`` is the job of the request
     without candidates.
 
     Raises
@@ -93,23 +92,23 @@ def rank_entries(
     UncPhysicsError
         If the score or the shared part of the request is invalid.
     """
-    jobs: dict[int, Job] = {}
+    jobs: dict[str, Job] = {}
     for k, entry in enumerate(entries):
         with server.errors_into(entry.result):
             own, fields = _with_candidate(request, k, base.seed)
-            jobs[k] = server.read(own, fields=fields)
+            jobs[entry.candidate] = server.read(own, fields=fields)
     if not jobs:
-        return []
-    places = [*jobs]
+        return {}
+    of = {entry.candidate: entry for entry in entries}
 
-    def fail(place, error):
-        write_error(entries[places[place]].result, error)
-        server.diagnostics.failed(str(error))
+    def fail(name, error):
+        with server.errors_into(of[name].result):
+            raise error
 
-    score = read_score([*request.score], base.regions, jobs[places[0]].scene)
+    score = read_score([*request.score], base.regions, next(iter(jobs.values())).scene)
     try:
         ranking = rank_candidates(
-            [Candidate(str(k), job.scene, job.belief, job.marks) for k, job in jobs.items()],
+            {name: Candidate(job.scene, job.belief, job.marks) for name, job in jobs.items()},
             base.propagator,
             score.event,
             fail,
@@ -119,23 +118,20 @@ def rank_entries(
         )
     except (PredictionTimeoutError, CanceledError) as error:
         write_error(result, error)
-        ranking = error.prediction
-        answered = () if ranking is None else [int(action.name) for action in ranking]
-        for k in jobs.keys() - set(answered):
-            if entries[k].result.error_code == ErrorCode.NONE:
-                write_error(entries[k].result, error)
-    order = []
-    for action in ranking or ():
-        k = int(action.name)
-        entry, job = entries[k], replace(jobs[k], propagator=action.prediction.propagator)
+        ranking = error.prediction or ()
+        for name in jobs.keys() - {action.name for action in ranking}:
+            if of[name].result.error_code == ErrorCode.NONE:
+                write_error(of[name].result, error)
+    places = {}
+    for action in ranking:
+        entry, job = of[action.name], replace(jobs[action.name], propagator=action.prediction.propagator)
         with server.errors_into(entry.result):
             header = request.request.scene.header
             write_answer(entry.prediction, header, server.settings, job, action.prediction)
             write_ranked_action(entry, action, score.negated)
             server.diagnostics.predicted(action.prediction)
-        if entry.result.error_code == ErrorCode.NONE:
-            order.append(k)
-    return order
+            places[action.name] = len(places)
+    return places
 
 
 def _with_candidate(request, k, seed):

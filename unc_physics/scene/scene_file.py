@@ -129,7 +129,11 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
 def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     """Return the scene that the content of a scene file describes (`load_scene`)."""
     if isinstance(content, dict) and "scene" in content and "actions" in content:
-        raise InvalidRequestError("is a file of actions, which the command 'rank' takes", field="scene file")
+        raise InvalidRequestError(
+            "is a file of actions, which version 0.3 does not read: give 'rank' a scene file for each action,"
+            " and the score as --event",
+            field="scene file",
+        )
     check_keys(content, _SCENE_KEYS, "scene")
     bodies = content.get("bodies")
     if bodies is None or bodies == []:
@@ -417,17 +421,6 @@ def _read(content, field, readers):
         for key, read in readers.items()
         if content.get(key) is not None
     }
-
-
-def read_change(key, value, field):
-    """Return the value of a field of a body or of an element that an action changes."""
-    if value is None:
-        return None
-    readers = {**_BELIEF, **_ACTIONS, "trajectory": read_path}
-    if key in readers:
-        return readers[key](value, field)
-    plain = isinstance(value, list) and all(isinstance(entry, (int, float)) for entry in value)
-    return np.array(value, float) if plain else value
 
 
 def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None, meets=True):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from unc_physics_msgs.msg import CandidatePrediction
@@ -15,7 +14,6 @@ from ...checks.names import hint
 from ...prediction.events import Event, InRegion
 from ...prediction.rank import RankedAction
 from ...prediction.regions import BoxRegion
-from ...prediction.snapshot import Probability
 from ...scene.scene import Scene
 from .events import EVENT_MESSAGES
 from .prediction import write_probability
@@ -51,17 +49,16 @@ def read_score(messages: Sequence, regions: Sequence[BoxRegion], scene: Scene) -
         raise InvalidRequestError(
             f"must hold at most {_MAX_SCORES} entries", field="score", value=len(messages)
         )
-    events = [_read_event(message, f"score[{k}]", regions) for k, message in enumerate(messages)]
-    for k, event in enumerate(events):
+    wanted = []
+    for k, message in enumerate(messages):
+        event = _read_event(message, f"score[{k}]", regions)
         try:
             event.check(scene, f"score[{k}]")
         except InvalidRequestError as error:
             field = (error.field or "").replace(".support", ".other")  # the message's field
             raise error.at(field) from None
-    wanted = [
-        ~event if message.smallest_first else event for event, message in zip(events, messages, strict=True)
-    ]
-    negated = len(events) == 1 and bool(messages[0].smallest_first)  # of several, all happen together
+        wanted.append(~event if message.smallest_first else event)
+    negated = len(wanted) == 1 and bool(messages[0].smallest_first)  # of several, all happen together
     return ReadScore(functools.reduce(operator.and_, wanted), negated)
 
 
@@ -91,16 +88,11 @@ def _read_event(message, field, regions):
 
 def write_ranked_action(entry: CandidatePrediction, action: RankedAction, negated: bool) -> None:
     """Write a ranked action into a candidate's entry; ``negated`` is that of `ReadScore`."""
-    score, difference = action.score, action.difference.value
+    score, difference = write_probability(action.score), action.difference.value
     if negated:
-        score, difference = _opposite(score), -difference
-    entry.score = write_probability(score)
-    entry.difference, entry.difference_std = difference, action.difference.std
+        score.probability, score.low, score.high = 1 - score.probability, 1 - score.high, 1 - score.low
+        difference = -difference
+    entry.score, entry.difference, entry.difference_std = score, difference, action.difference.std
     if action.margin is not None:
         entry.has_margin, entry.margin = True, float(action.margin)
     entry.tied, entry.clearly_worse = action.tied, action.clearly_worse
-
-
-def _opposite(p: Probability) -> Probability:
-    """Return the probability that the event does not happen."""
-    return replace(p, estimate=1.0 - p.estimate, low=1.0 - p.high, high=1.0 - p.low)
