@@ -114,10 +114,6 @@ def pictures() -> dict[str, Picture]:
         **{f"paper/{figure}.png": experiment("paper", figure, "paper_figures") for figure in PAPER},
         "calibration.png": experiment("calibration", "calibration"),
         "evaluation/orders.png": experiment("orders", "orders", "order_plots"),
-        "evaluation/speed_against_error_cpu_time.png": experiment(
-            "speed_against_error", "speed_against_error_cpu_time"
-        ),
-        "evaluation/work_precision.png": experiment("engines", "work_precision"),
     }
 
 

@@ -1,8 +1,9 @@
-"""Comparisons that experiments share: predictions of all methods, their W1 errors, and paired times."""
+"""Comparisons that experiments share: predictions of all methods, their W1 errors, and times."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -128,21 +129,30 @@ def predicted(
     return answers
 
 
-def predictors(
+def time_rows(
     scene,
     belief,
     horizon,
     job: Job,
     counts: Sequence[int],
     propagators: Mapping[tuple[str, int | None], Propagator],
-) -> dict[tuple[str, int | None], Callable]:
-    """Return a function of the round for Monte Carlo with each count and for every propagator."""
-    functions = {
-        (MONTE_CARLO, count): lambda k, count=count: monte_carlo(
-            scene, belief, horizon, count, job.seed(f"round {k}")
-        )
-        for count in counts
-    }
-    for key, propagator in propagators.items():
-        functions[key] = lambda k, propagator=propagator: predict(scene, belief, propagator, horizon)
-    return functions
+    rounds: int,
+) -> list[Row]:
+    """Return CPU times of Monte Carlo with each count and of every propagator.
+
+    The predictions run in turns, A B C, A B C, ..., so that other load slows all of them equally. A first
+    round is not measured.
+    """
+    rows = []
+    for k in range(-1, rounds):
+        samples = {
+            (MONTE_CARLO, count): make_propagator(
+                MONTE_CARLO, samples=count, seed=job.seed(f"round {max(k, 0)}")
+            )
+            for count in counts
+        }
+        for (method, runs), propagator in {**samples, **propagators}.items():
+            started = time.process_time()
+            predict(scene, belief, propagator, horizon)
+            rows.append(Row(method, CPU_TIME, "s", time.process_time() - started, runs, k))
+    return [row for row in rows if row.replicate >= 0]

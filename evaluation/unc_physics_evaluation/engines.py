@@ -2,12 +2,12 @@
 
 Masses, inertias, states, damping, environment and time step are the scene's.
 
-Shapes are the scene's spheres, or the usual ones of these engines: a few convex pieces, or one box or
-cylinder. With the geometry "primitive", a model that is a box or a cylinder has that shape, and any other
-model has convex pieces. In a scene without friction both engines have elastic contacts without friction, with
-their fastest settings. In a scene with friction they have their own contact laws and default settings. Bodies
-sleep if the scene allows it, and there is no rendering. All steps run in one call. Bodies are given in their
-principal axes, in which both engines store the inertia.
+Shapes are the scene's spheres ("spheres") or the usual ones of these engines ("primitive"): a model that is
+a box or a cylinder has that shape, and any other model has convex pieces. In a scene without friction both
+engines have elastic contacts without friction, with their fastest settings. In a scene with friction they
+have their own contact laws and default settings. Bodies sleep if the scene allows it, and there is no
+rendering. All steps run in one call. Bodies are given in their principal axes, in which both engines store
+the inertia.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from unc_physics.checks.errors import NotSupportedError
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Element, Plane, Sphere
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
-GEOMETRIES = ("spheres", "pieces", "box")
 #: Shapes of the models that are one primitive.
 PRIMITIVES = {"salt_box": "box", "can": "cylinder", "cube": "box", "block": "box"}
 PIECES = 16  # convex ones of a body
@@ -54,7 +53,7 @@ class PrincipalBody:
     Notes
     -----
     ``pieces`` divides the spheres into clusters and returns the convex hull of each, like a convex
-    decomposition of a mesh; ``box`` is the uniform box of the same mass and inertia.
+    decomposition of a mesh.
     """
 
     def __init__(self, body):
@@ -64,11 +63,6 @@ class PrincipalBody:
         self.inertia = body.mass * moments
         self.centers, self.radii = body.model.centers @ axes, body.model.radii
         self.axes = Rotation.from_matrix(axes)
-
-    def box(self):
-        """Return the half sides (3,) of the box of the same mass and inertia [m]."""
-        a, b, c = self.inertia / self.mass
-        return np.sqrt(1.5 * np.array([b + c - a, c + a - b, a + b - c]))
 
     def own_geometry(self, geometry):
         """Return the geometry of this body if ``geometry`` is requested for the scene."""
@@ -251,8 +245,6 @@ def _urdf(body, geometry, folder):
             (f'xyz="{x!r} {y!r} {z!r}"', f'<sphere radius="{r!r}"/>')
             for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
         ]
-    elif geometry == "box":
-        shapes = [('xyz="0 0 0"', '<box size="{!r} {!r} {!r}"/>'.format(*(2.0 * body.box()).tolist()))]
     elif geometry == "primitive":
         kind, (x, y, z), middle, turned = body.primitive()
         shape = (
@@ -397,8 +389,6 @@ def _mjcf(scene, bodies, geometry):
                 f'<geom type="sphere" size="{r!r}" pos="{x!r} {y!r} {z!r}"/>'
                 for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
             ]
-        elif shape == "box":
-            geoms = ['<geom type="box" size="{!r} {!r} {!r}"/>'.format(*body.box().tolist())]
         elif shape == "primitive":
             kind, (x, y, z), middle, turned = body.primitive()
             size = f"{x / 2!r} {y / 2!r} {z / 2!r}" if kind == "box" else f"{x / 2!r} {z / 2!r}"

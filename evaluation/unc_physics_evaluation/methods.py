@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
-from unc_physics.propagators.base import Anytime, Propagator
+from unc_physics.propagators.base import Propagator
 from unc_physics.propagators.names import REFERENCE as MONTE_CARLO
-from unc_physics.propagators.registry import PROPAGATORS, make_propagator, propagator_from_texts
+from unc_physics.propagators.registry import PROPAGATORS, propagator_from_texts
 
 from .jobs import Job
 
@@ -15,8 +14,6 @@ FLOOR, GAUSSIAN, MARGINAL, STILL = "floor", "gaussian", "marginal", "still"
 OURS = "ours"
 #: The paper's sigma points, which go in all directions.
 FULL_POINTS = "sigma_points points=full"
-#: Those that take a number of rollouts, and with which they are compared.
-RUNS = {"cloud": (16, 32, 64)}
 
 
 class Look(NamedTuple):
@@ -79,23 +76,6 @@ def text_of(propagator: Propagator) -> str:
         if value != default and name != "seed":
             own[name] = f"{value:g}" if isinstance(value, float) else str(value).lower()
     return " ".join([propagator.name, *(f"{name}={value}" for name, value in own.items())])
-
-
-def methods(job: Job, grown: Sequence[int] = ()) -> dict[tuple[str, int | None], Propagator]:
-    """Return all propagators except Monte Carlo, with default options and each of `RUNS`, and full points.
-
-    Anytime propagators add rollouts until they are accurate enough, or have each of the numbers in ``grown``.
-    """
-    made = {}
-    for name, cls in PROPAGATORS.items():
-        options = {"seed": job.seed(name)} if "seed" in cls.options() else {}
-        sizes = RUNS.get(name, (None,))
-        if issubclass(cls, Anytime) and grown:
-            sizes, options = tuple(grown), options | {"error": 0.0}
-        for runs in sizes:
-            if name != MONTE_CARLO:
-                made[name, runs] = make_propagator(name, **options, **({"runs": runs} if runs else {}))
-    return made | {(FULL_POINTS, None): method_of(FULL_POINTS, job)}
 
 
 def label(method: str, samples: int | None = None) -> str:

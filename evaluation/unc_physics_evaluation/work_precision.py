@@ -14,7 +14,7 @@ from .methods import MONTE_CARLO
 from .results import Results, Rows
 from .rollouts import ENGINES, OURS, available, rollouts
 from .scenarios import MANIPULATION, PILES, is_upright
-from .tables import number, table
+from .tables import number
 from .wasserstein import geodesic_of_pairs, state_distance
 
 SCENES = MANIPULATION | PILES
@@ -35,7 +35,7 @@ QUICK_RATES, QUICK_CONVERGED = (60, 240), 1000
 CHUNK = 5  # samples that run in turns with ours, so that a busy machine slows both alike
 OVER_UNIT = "cpu_time_over_ours"
 HEAD = (
-    f"engine|steps in 1 s|CPU time [ms]|over unc_physics at {UNIT} steps, in turns"
+    f"scene|engine|steps in 1 s|CPU time [ms]|over unc_physics at {UNIT} steps, in turns"
     "|median error of positions [mm]|of rotations [deg]"
     "|same outcome|W1 of positions / floor [mm]|of rotations [deg]"
 )
@@ -96,46 +96,24 @@ def run(job: Job) -> Outcome:
 
 
 def report(results: Results, rows: Rows) -> str:
-    """Return a table for each scene, and a picture of all."""
-    from .plots import draw_work_precision
-
-    panels = {}
-    parts = []
-    lines_of = {}
-    for scene in SCENES:
-        here = rows.where(scene=scene)
-        if here:
-            panels[scene], lines_of[scene] = _errors(results, scene, here)
-    figure = results.figure("work_precision")
-    draw_work_precision(figure, panels)
-    parts.append(f"![Error over CPU time](figures/{figure.name})\n")
-    head, every = (
-        HEAD.split("|"),
-        [[name.replace("_", " "), *line] for name in lines_of for line in lines_of[name]],
-    )
-    results.table("work_precision", ["scene", *head], every)
-    for scene, lines in lines_of.items():
-        count = rows.where(scene=scene)[0]["samples_each"]
-        parts.append(f"### {scene.replace('_', ' ').capitalize()}, {count} samples\n")
-        parts.append(table(head, lines))
-    return "\n".join(parts)
+    """Return a table of all scenes."""
+    lines = [
+        [scene.replace("_", " "), *line]
+        for scene in rows.unique("scene")
+        for line in _errors(results, scene, rows.where(scene=scene))
+    ]
+    return results.table("work_precision", HEAD.split("|"), lines)
 
 
 def _errors(results, scene, rows):
-    """Return the curve of each engine, and the lines of the table.
-
-    A curve has CPU times [s], median position errors [m] and W1 of positions [m] at each rate, and the
-    floor [m].
-    """
-    curves, lines = {}, []
-    unit = rows.where(engine=OURS, rate=UNIT, quantity=CPU_TIME).mean()
+    """Return the lines of the table."""
+    lines = []
     for engine in (name for name in ENGINES if rows.where(engine=name)):
         own = rows.where(engine=engine)
         converged = own[0]["converged"]
         truth = results.arrays("engines", own.where(rate=converged)[0]["job"])
         floor = state_distance(truth["states"], truth["second"])
         limits = number(1e3 * np.mean(floor.position)), number(np.mean(floor.rotation))
-        points = []
         for rate in sorted(own.unique("rate"), key=lambda rate: (rate != converged, rate)):
             found = own.where(rate=rate)
             share = found.where(quantity=OVER_UNIT).mean()
@@ -149,7 +127,6 @@ def _errors(results, scene, rows):
             turned = geodesic_of_pairs(ends[..., QUATERNION], exact[..., QUATERNION])
             same = np.all(_fate(scene, ends) == _fate(scene, exact), axis=0)
             distance = state_distance(ends, exact)
-            points.append((unit * share, float(np.median(moved)), float(np.mean(distance.position))))
             cells += [
                 number(1e3 * np.median(moved)),
                 number(np.median(turned)),
@@ -157,8 +134,7 @@ def _errors(results, scene, rows):
             ]
             means = number(1e3 * np.mean(distance.position)), number(np.mean(distance.rotation))
             lines.append(cells + [f"{mean} / {limit}" for mean, limit in zip(means, limits, strict=True)])
-        curves[engine] = np.array(points), float(np.mean(floor.position))
-    return curves, lines
+    return lines
 
 
 def _fate(scene, states):

@@ -6,11 +6,10 @@ from pathlib import Path
 
 from unc_physics_evaluation.experiments import paper
 from unc_physics_evaluation.jobs import Job
-from unc_physics_evaluation.methods import color, label, method_of, methods
+from unc_physics_evaluation.methods import color, label, method_of
 from unc_physics_evaluation.results import Results
 
 if __name__ == "__main__":
-    assert ("antithetic", None) in methods(Job("speed_against_error", {}))
     assert (label("antithetic"), color("antithetic")) == ("antithetic", "#A6761D")
     assert method_of("antithetic pairs=20", Job("paper", {})).pairs == 20
     results = Results(Path(sys.argv[1]))

@@ -12,7 +12,7 @@ ORIGIN = {"versions": "unc_physics 0.1.0; python 3.11", "machine": "Some(R) CPU,
 
 
 def job(sigma):
-    return Job("speed_against_error", {"model": "bunny", "sigma": sigma})
+    return Job("paper", {"model": "bunny", "sigma": sigma})
 
 
 def outcome(count, value=0.1):
@@ -24,7 +24,7 @@ def test_rows_are_read_back(tmp_path):
     results.add(
         job(0.05), Outcome([Row("monte_carlo", "w1_position", "m", 1.0 / 3.0, 10, 2, 4_000_000_000)]), ORIGIN
     )
-    (row,) = results.rows("speed_against_error")
+    (row,) = results.rows("paper")
     assert row["value"] == 1.0 / 3.0
     assert (row["model"], row["sigma"], row["samples"], row["replicate"], row["seed"]) == (
         "bunny",
@@ -41,7 +41,7 @@ def test_rows_are_in_one_order(tmp_path):
     results = Results(tmp_path)
     for sigma in (0.05, 1, 0.1, 10):
         results.add(job(sigma), outcome(2), ORIGIN)
-    rows = results.rows("speed_against_error")
+    rows = results.rows("paper")
     assert [(row["sigma"], row["replicate"]) for row in rows] == [
         (s, k) for s in (0.05, 0.1, 1, 10) for k in (0, 1)
     ]
@@ -50,7 +50,7 @@ def test_rows_are_in_one_order(tmp_path):
 def test_a_file_cut_off_anywhere_loses_at_most_its_last_job(tmp_path):
     """Whatever the interruption left, the file can be added to and holds whole jobs only."""
     results, jobs = Results(tmp_path), [job(0.01), job(0.02)]
-    path = tmp_path / "speed_against_error.csv"
+    path = tmp_path / "paper.csv"
     results.add(jobs[0], outcome(2), ORIGIN)
     first = len(path.read_bytes())
     results.add(jobs[1], outcome(12), ORIGIN)
@@ -68,9 +68,9 @@ def test_arrays_are_kept(tmp_path):
     import numpy as np
 
     results, states = Results(tmp_path), np.arange(6.0).reshape(2, 3)
-    assert results.arrays("speed_against_error", job(0.05).key) == {}
+    assert results.arrays("paper", job(0.05).key) == {}
     results.add(job(0.05), Outcome(outcome(1).rows, {"states": states}), ORIGIN)
-    assert np.array_equal(results.arrays("speed_against_error", job(0.05).key)["states"], states)
+    assert np.array_equal(results.arrays("paper", job(0.05).key)["states"], states)
 
 
 def test_other_columns_are_refused_before_any_work(tmp_path):
@@ -79,11 +79,10 @@ def test_other_columns_are_refused_before_any_work(tmp_path):
     with pytest.raises(
         OutputError,
         match=(
-            "speed_against_error.csv was written by another version of unc_physics; choose another folder"
-            " with --output"
+            "paper.csv was written by another version of unc_physics; choose another folder with --output"
         ),
     ):
-        results.missing([Job("speed_against_error", {"model": "bunny"})])
+        results.missing([Job("paper", {"model": "bunny"})])
 
 
 def test_one_evaluation_at_a_time(tmp_path):

@@ -14,13 +14,12 @@ def tiny_jobs():
     """Every kind of job, small."""
     free = {"section": "free", "case": "linear_velocity", "spheres": 10, "sigma": 0.1, "repeat": 0}
     free |= {"truth": 100, "rounds": 0, "added": ""}
-    case = {"model": "bunny", "spheres": 10, "sigma": 0.05}
-    speed = {"measured": "time", **case, "truth": 10, "encounter": 0, "encounters": 2}
-    error = {**speed, "measured": "error", "truth": 100, "encounters": 1}
+    error = free | {"section": "error", "case": "bunny", "sigma": 0.05}
+    speed = error | {"section": "time", "truth": 0, "rounds": 1}
     return [
         Job("paper", {**free, **SHARED}),
-        Job("speed_against_error", {**error, **SHARED}, cost=3.0),
-        Job("speed_against_error", {**speed, **SHARED}, alone=True),
+        Job("paper", {**error, **SHARED}, cost=3.0),
+        Job("paper", {**speed, **SHARED}, alone=True),
         Job("paper", {**free, "case": "angular_velocity", **SHARED}),
     ]
 
@@ -28,7 +27,7 @@ def tiny_jobs():
 def figures(results):
     """All that does not depend on the clock, by job and place in it."""
     return {
-        (name, row["job"], row["part"]): (
+        (row["job"], row["part"]): (
             row["method"],
             row["quantity"],
             row["samples"],
@@ -36,8 +35,7 @@ def figures(results):
             row["seed"],
             row["value"],
         )
-        for name in ("paper", "speed_against_error")
-        for row in results.rows(name)
+        for row in results.rows("paper")
         if row["quantity"] not in TIMES
     }
 

@@ -17,8 +17,8 @@ from ..comparison import (
     error_rows,
     monte_carlo,
     predicted,
-    predictors,
     rollout_cost,
+    time_rows,
     two_truths,
 )
 from ..jobs import Job, Outcome, Row, Settings
@@ -45,7 +45,6 @@ from ..scenarios import (
     unit_model,
 )
 from ..tables import number, table
-from ..timing import timed
 
 TITLE = "The paper"
 METHODS = ("surrogate", "local_sampling", "linearization", FULL_POINTS, "sigma_points", "cloud", "auto")
@@ -155,8 +154,8 @@ def _time(job):
     """CPU times of predictions of a collision (Fig. 6)."""
     p = job.parameters
     scene, belief, horizon = collision(p["case"], p["spheres"], p["sigma"])
-    functions = predictors(scene, belief, horizon, job, () if p["added"] else COUNTS, _methods(job))
-    return Outcome(timed({(*key, CPU_TIME): f for key, f in functions.items()}, p["rounds"]))
+    counts = () if p["added"] else COUNTS
+    return Outcome(time_rows(scene, belief, horizon, job, counts, _methods(job), p["rounds"]))
 
 
 def _storage(job):
