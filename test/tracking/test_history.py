@@ -37,19 +37,6 @@ def test_a_history_forgets_what_no_later_time_needs():
         history.state_at(tracked, PERIOD)
 
 
-def test_a_late_measurement_is_applied_before_the_later_ones():
-    tracked, state = begun(free_scene(), 16, box0={"linear_velocity": (SPEED, 0.0, 0.0)})
-    in_order, late = History(0.0, state), History(0.0, state)
-    times = [k * PERIOD for k in (1, 2, 3)]
-    for time in times:
-        in_order.add(tracked, time, seen_at(time))
-    for place in (0, 2):
-        late.add(tracked, times[place], seen_at(times[place]))
-    entry, replayed = late.add(tracked, times[1], seen_at(times[1]))
-    assert replayed == 1 and entry.rejected == ()
-    np.testing.assert_array_equal(late.last.state.carry.states, in_order.last.state.carry.states)
-
-
 def test_a_correction_that_fails_leaves_the_history_as_it_was(monkeypatch):
     tracked, state = begun(free_scene(), 16, box0=UNKNOWN)
     history, untouched = History(0.0, state), History(0.0, state)
