@@ -1,9 +1,6 @@
 """What the measures of the code count, in a small package whose calls, constants and tests are known."""
 
 import re
-import subprocess
-
-import pytest
 
 from unc_physics_evaluation import mutation
 from unc_physics_evaluation.call_walk import Package, Place, passed
@@ -143,12 +140,6 @@ def test_the_walk_passes_what_can_be_called(tmp_path):
     }
 
 
-def test_without_an_implementation_the_declared_class_is_passed(tmp_path):
-    write(tmp_path / "small", SOURCES)
-    found = passed(Package(tmp_path / "small"), Place("small.node", "Server.answer"))
-    assert Place("small.job", "Job.run") in found and Place("small.job", "Real.run") not in found
-
-
 def test_a_request_passes_the_files_that_contributing_lists():
     listed = re.findall(r"^\| `([\w/]+\.py)` \|", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
     package = Package(ROOT / "unc_physics")
@@ -207,36 +198,3 @@ def test_each_mutant_has_one_change():
     ]
     for mutant in mutation.mutants("a.py", source):
         compile(mutant.source, "a.py", "exec")
-
-
-@pytest.mark.slow
-def test_tests_find_mutants(tmp_path):
-    """Of a limit with a test at it, of one without, and of a function without tests."""
-    sources = {
-        "unc_physics/__init__.py": "",
-        "unc_physics/rule.py": """
-            def near(x, limit):
-                return x < limit
-            def far(x, limit):
-                return x > limit
-            def idle(x):
-                return -x
-            """,
-        "test/test_rule.py": """
-            from unc_physics.rule import far, near
-            def test_near(): assert near(4, 5) and not near(5, 5)
-            def test_far(): assert far(8, 6) and not far(0, 6)
-            """,
-    }
-    write(tmp_path, sources)
-    subprocess.run(["git", "init", "-q", tmp_path], check=True)
-    subprocess.run(["git", "-C", tmp_path, "add", "."], check=True)
-    drawn = mutation.tried(tmp_path, ["unc_physics/rule.py"], ["test"], 99, 0)
-    assert {mutant.change: verdict for mutant, verdict in drawn} == {
-        "return x < limit -> return": "found",
-        "x < limit -> x <= limit": "found",
-        "return x > limit -> return": "found",
-        "x > limit -> x >= limit": "not found",
-        "return -x -> return": "not executed",
-        "-x -> x": "not executed",
-    }

@@ -24,17 +24,6 @@ from unc_physics_evaluation.recorded_pushes import (
 )
 
 
-def test_the_data_are_pushes():
-    pushes = recorded_pushes()
-    assert len(pushes.kind) == len(pushes.paths) == len(pushes.before) == 573
-    moved = np.linalg.norm((pushes.after - pushes.before)[:, :2], axis=1)
-    assert 1e-3 < np.median(moved) < 0.05
-    for path in pushes.paths:
-        assert (np.diff(path[:, 0]) > 0).all()
-        speed = np.linalg.norm(path[-1, 1:3] - path[0, 1:3]) / (path[-1, 0] - path[0, 0])
-        assert speed < 0.05  # m/s
-
-
 def test_the_block_is_the_documented_one():
     pushes, model = recorded_pushes(), block(0)
     radii = model.radii[:, None]

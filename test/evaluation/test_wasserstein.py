@@ -42,13 +42,9 @@ def test_geodesic_is_the_angle(angle, rng):
     turned = start * Rotation.from_rotvec(np.radians(angle) * axes / np.linalg.norm(axes, axis=1)[:, None])
     angles = np.diag(geodesic(start.as_quat(), turned.as_quat()))
     unit_quaternions = 1e-13  # degrees: round-off of their entries
-    assert angles == pytest.approx(np.full(20, angle), rel=1e-6, abs=unit_quaternions)
-
-
-def test_geodesic_knows_that_q_and_minus_q_are_one_rotation(rng):
-    q = Rotation.random(30, random_state=4).as_quat()
-    signs = rng.choice([-1.0, 1.0], size=(30, 1))
-    assert wasserstein(q, signs * q, geodesic) <= 1e-12
+    pairs = geodesic_of_pairs(start.as_quat(), -turned.as_quat())  # q and -q are one rotation
+    for found in (angles, pairs, np.diag(geodesic(start.as_quat(), -turned.as_quat()))):
+        assert found == pytest.approx(np.full(20, angle), rel=1e-6, abs=unit_quaternions)
 
 
 def test_geodesic_w1_of_a_common_rotation():
@@ -64,8 +60,7 @@ def test_geodesic_w1_of_a_common_rotation():
 def test_states_are_compared_body_by_body(rng):
     x = rng.standard_normal((50, 2, 13))
     x[:, :, 6:10] /= np.linalg.norm(x[:, :, 6:10], axis=2, keepdims=True)
-    y = x.copy()
-    y[:, 1, 0] += 0.5
+    y = x + 0.5 * np.eye(13)[0] * np.eye(2)[1][:, None]
     distance = state_distance(x, y)
     assert distance.position == pytest.approx([0.0, 0.5], abs=ROUND_OFF)
     assert distance.rotation == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -79,17 +74,6 @@ def test_the_paper_s_metric_is_pot_s_sinkhorn_divergence(regularisation, rng):
     )
     found = SinkhornDivergence(x, euclidean, regularisation).to(y)
     assert found == pytest.approx(expected, rel=1e-3)  # where Sinkhorn's iteration ends
-
-
-@pytest.mark.parametrize("distance", [euclidean, geodesic])
-def test_the_paper_s_metric_lies_between_w1_and_the_energy_distance(distance, rng):
-    x, y = (Rotation.from_rotvec(0.3 * rng.standard_normal((80, 3)) + k).as_quat() for k in (0.0, 0.3))
-    energy = distance(x, y).mean() - 0.5 * (distance(x, x).mean() + distance(y, y).mean())
-    scale = distance(x, y).mean()
-    assert SinkhornDivergence(x, distance, 1e4 * scale).to(y) == pytest.approx(energy, rel=1e-3)
-    assert SinkhornDivergence(x, distance, 0.01 * scale).to(y) == pytest.approx(
-        wasserstein(x, y, distance), rel=0.03
-    )
 
 
 def test_the_paper_s_metric_of_points_far_away_is_finite(rng):
@@ -124,8 +108,3 @@ def test_of_a_distribution_and_its_enlargement(factor, rng):
     assert wasserstein(x, factor * x) == pytest.approx(expected, rel=ROUND_OFF, abs=ROUND_OFF)
     expectation_of_the_norm = 2.0 * np.sqrt(2.0 / np.pi)  # of a standard normal vector in three dimensions
     assert expected == pytest.approx(abs(factor - 1.0) * expectation_of_the_norm, rel=0.1)
-
-
-def test_angles_of_pairs_are_the_diagonal_of_all(rng):
-    x, y = (Rotation.random(50, rng=rng).as_quat() for _ in range(2))
-    assert geodesic_of_pairs(x, -y) == pytest.approx(np.diag(geodesic(x, y)), rel=1e-9)

@@ -101,35 +101,6 @@ def shares(prediction):
     return isinstance(prediction.propagator, Samples) and prediction.propagator.resamples
 
 
-def test_answers_call_no_propagator(predicted, monkeypatch):
-    """Except that samples of a response surface are drawn when they are first asked for."""
-
-    def call(*_, **__):
-        raise AssertionError("a prediction is data")
-
-    for whole, _ in predicted.values():
-        expected = answers_of(whole)
-        with monkeypatch.context() as patch:
-            for name in ("init", "advance", "belief", "own_samples", "rollout_states", "point_states"):
-                if hasattr(whole.propagator, name) and not (name == "own_samples" and shares(whole)):
-                    patch.setattr(type(whole.propagator), name, call)
-            again = replace(whole, snapshots=tuple(replace(one) for one in whole.snapshots))
-            for one, other in zip(answers_of(again), expected, strict=True):
-                np.testing.assert_array_equal(one, other)
-
-
-def answers_of(prediction):
-    """Numbers of the answers at all times."""
-    count, found = None if isinstance(prediction.propagator, Samples) else 10, []
-    for time in prediction.times:
-        found.append(prediction.samples(count, time=time))
-        for name in ("left", "right"):
-            body = prediction.body(name, time=time, origin="model")
-            found += [body.position, body.covariance(), *(mode.mean for mode in body.modes)]
-            found.append(prediction.probability(AtRest(name), time=time).estimate)
-    return found
-
-
 def test_slices_are_predictions(predicted):
     whole, _ = predicted["linearization"]
     part = whole[1:]

@@ -190,32 +190,6 @@ def test_a_change_of_frame_changes_only_the_frame(loaded, name, scene_name):
 
 
 @every_propagator
-def test_a_fixed_body_far_away_changes_nothing(loaded, propagator):
-    """It costs no state, and draws and points stay as they are."""
-    scene, belief, _ = loaded("two_bodies")
-    far = Scene(
-        [scene.bodies[0], RigidBody("far", scene.bodies[0].model, fixed=True), scene.bodies[1]],
-        scene.dt,
-        scene.stiffness,
-        scene.damping,
-    )
-    mean = np.insert(belief.mean, 1, [1e3, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0], axis=0)
-    alone = advanced(propagator, scene, belief, 60)
-    beside = advanced(propagator, far, Belief(mean, belief.blocks, [0, 2]), 60)
-    if propagator.name == "local_sampling":  # its draws are keyed by the bodies' numbers
-        np.testing.assert_array_equal(alone.mean, beside.mean[[0, 2]])
-    elif propagator.name in (
-        "cloud",
-        "auto",
-    ):  # where there is something to meet, no symmetry spares it directions
-        std = np.sqrt(np.diagonal(alone.blocks, axis1=1, axis2=2))
-        assert (np.abs(alone.mean - beside.mean[[0, 2]])[:, :3] < 0.5 * std[:, :3]).all()
-    else:
-        np.testing.assert_array_equal(alone.mean, beside.mean[[0, 2]])
-        np.testing.assert_array_equal(alone.joint, beside.joint)
-
-
-@every_propagator
 def test_a_certain_belief_stays_certain_and_follows_the_rollout(loaded, propagator):
     scene, belief, _ = loaded("two_bodies")
     after = advanced(propagator, scene, Belief.exact(belief.mean), 60)

@@ -38,7 +38,6 @@ from unc_physics.checks.errors import (
     InvalidRequestError,
     LimitExceededError,
     NotActiveError,
-    NotSupportedError,
     PredictionTimeoutError,
     UnknownModelError,
 )
@@ -310,15 +309,6 @@ def test_out_of_time_with_what_was_done(asked):
             break
     assert 0 <= caught.value.prediction.time_reached.sec < 50
     assert np.isfinite(poses_of(caught.value.prediction)["can"][0]).all()
-
-
-def test_states_of_centres_of_mass_are_gone(asked):
-    request = prediction_request([can()], 0.1, return_center_of_mass=True)
-    with pytest.raises(
-        NotSupportedError, match="return_center_of_mass was removed in version 0.3: .*center_of_mass of"
-    ) as caught:
-        asked.predict(request)
-    assert caught.value.field == "return_center_of_mass"
 
 
 def test_several_threads_use_one_client(asked):

@@ -1,6 +1,8 @@
 """The id of a request's client, which rclpy does not show."""
 
 import ctypes
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -79,6 +81,21 @@ def test_an_address_without_memory_is_no_fault(address, monkeypatch):
     place = ctypes.addressof(word) - object.__basicsize__
     monkeypatch.setattr("unc_physics.ros.client_process.id", lambda _: place, raising=False)
     assert participant_of(header) == b""
+
+
+def test_a_killed_process_has_ended_before_its_parent_has_waited_for_it(sent):
+    """Nor does it take the middleware's lease of 20 s."""
+    _, own = sent
+    code = "import sys, rclpy; rclpy.init(); print('running', flush=True); sys.stdin.read()"
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    other = subprocess.Popen([sys.executable, "-c", code], **pipes, text=True)
+    assert other.stdout.readline() == "running\n"
+    process = ClientProcess(own[:4] + (other.pid % 65536).to_bytes(2, "little") + own[6:], own + bytes(4))
+    assert not process.has_ended
+    other.kill()
+    wait_until(lambda: process.has_ended)
+    process.close()
+    other.communicate()
 
 
 def test_a_participant_of_another_machine_is_not_watched():

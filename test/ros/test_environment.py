@@ -1,5 +1,6 @@
 """Surroundings and contact laws of requests, and the probabilities that answers tell."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,6 +21,8 @@ from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
+from unc_physics import load_model
+from unc_physics.ros import make_message
 from unc_physics.ros.markers import markers
 from unc_physics.ros.messages.environment import read_environment
 from unc_physics.ros.messages.fields import seconds
@@ -60,56 +63,44 @@ def request_with(environment, *objects, horizon=0.6, physics=(), **others):
 
 
 def test_probabilities_of_contact_region_and_rest(predict):
-    inside = BoxRegion(id="inside")
-    inside.pose.position.z = FLOOR + 0.1
-    inside.size.x = inside.size.y = inside.size.z = 0.6
-    away = BoxRegion(id="away")
-    away.pose.position.x = 5.0
-    away.size.x = away.size.y = away.size.z = 1.0
-    request = request_with(
-        floor_as("plane"),
-        falling_brick("near"),
-        falling_brick("far", x=1.0),
-        propagator="monte_carlo",
-        samples=SAMPLES,
-        return_samples=10,
-        regions=[inside, away],
-        return_probabilities=True,
+    """Of two bricks that fall to the floor, of which one lands in a region."""
+    inside = make_message(BoxRegion, id="inside", size=(0.6, 0.6, 0.6), pose=(0, 0, FLOOR + 0.1))
+    away = make_message(BoxRegion, id="away", size=(1, 1, 1), pose=(5, 0, 0))
+    options = {"propagator": "monte_carlo", "samples": SAMPLES, "return_probabilities": True}
+    response = predict(
+        request_with(
+            floor_as("plane"),
+            falling_brick("near"),
+            falling_brick("far", x=1.0),
+            regions=[inside, away],
+            **options,
+        )
     )
-    response = predict(request)
     assert_answered(response)
-    contacts = {
-        (answer.object_a, answer.object_b): answer for answer in response.prediction.contact_probabilities
-    }
-    assert set(contacts) == {
-        ("near", "far"),
-        ("near", "floor"),
-        ("far", "floor"),
-        ("near", ContactProbability.ENVIRONMENT),
-        ("far", ContactProbability.ENVIRONMENT),
-    }
-    assert all(answer.probability.available for answer in contacts.values())
-    never = contacts["near", "far"].probability
-    assert never.probability == never.low == 0.0 < never.high < 0.1
-    assert not contacts["near", "far"].first_contact_time_available
-    for pair in (("near", "floor"), ("near", ContactProbability.ENVIRONMENT)):
-        always = contacts[pair].probability
-        assert 0.9 < always.low < always.probability == always.high == 1.0
-        assert contacts[pair].first_contact_time_available
-        assert 0.0 < seconds(contacts[pair].first_contact_time_mean) < 0.3
-        assert 0.0 < seconds(contacts[pair].first_contact_time_std) < 0.1
-    regions = {(answer.region, answer.object): answer for answer in response.prediction.region_probabilities}
-    assert set(regions) == {(region, name) for region in ("inside", "away") for name in ("near", "far")}
-    assert regions["inside", "near"].probability.probability == 1.0
-    assert all(answer.probability.available for answer in regions.values())
-    for pair in (("inside", "far"), ("away", "near")):
-        assert regions[pair].probability.probability == 0.0
-    for answer in (*contacts.values(), *regions.values()):
-        assert seconds(answer.time_from_start) == pytest.approx(0.6)
-    for predicted in response.prediction.objects:
-        assert predicted.at_rest.available
+    found = response.prediction
+    contacts = {(answer.object_a, answer.object_b): answer for answer in found.contact_probabilities}
+    regions = {(answer.region, answer.object): answer for answer in found.region_probabilities}
+    both, anything = ("near", "far"), ContactProbability.ENVIRONMENT
+    for answers, expected in (
+        (contacts, {("near", "far"): 0.0} | dict.fromkeys(product(both, ("floor", anything)), 1.0)),
+        (regions, dict.fromkeys(product(("inside", "away"), both), 0.0) | {("inside", "near"): 1.0}),
+    ):
+        assert {pair: answer.probability.probability for pair, answer in answers.items()} == expected
+        for answer in answers.values():
+            own = answer.probability
+            assert own.available and own.low <= own.probability <= own.high < own.low + 0.1
+            assert seconds(answer.time_from_start) == pytest.approx(0.6)
+    brick = load_model("brick").prefix(50)
+    lowest = (brick.centers[:, 2] - brick.radii).min() - brick.origin[2]
+    for (_, other), answer in contacts.items():
+        assert answer.first_contact_time_available == (other != "far")
+        if other != "far":
+            expected = np.sqrt(2.0 * (0.15 + lowest) / 9.81)
+            assert seconds(answer.first_contact_time_mean) == pytest.approx(expected, abs=0.01)
+            assert 0.0 < seconds(answer.first_contact_time_std) < 0.02
+    for predicted in found.objects:
+        assert predicted.at_rest.available and predicted.fell_off.available
         assert predicted.upright.available and predicted.upright.probability == 1.0
-        assert predicted.fell_off.available
 
 
 def solids_of(*elements):

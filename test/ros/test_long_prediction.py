@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -98,8 +97,8 @@ with Client() as client:
 """
 
 
-def test_a_goal_ends_soon_after_its_client_was_killed(send, client, node):
-    """The middleware would take 20 s to notice, and another client listens meanwhile."""
+def test_a_goal_ends_after_its_client_was_killed(send, client, node):
+    """Another client listens meanwhile."""
     handle = send(endless())
     code = _LEFT_ALONE.format(folder=str(Path(__file__).parent))
     other = subprocess.Popen(
@@ -109,7 +108,7 @@ def test_a_goal_ends_soon_after_its_client_was_killed(send, client, node):
     assert other.stdout.readline() == "running\n"
     before = node.output.count("the client is gone")
     other.kill()  # and is not waited for yet, as by a parent that is busy
-    wait_until(lambda: node.output.count("the client is gone") > before, 15.0)
+    wait_until(lambda: node.output.count("the client is gone") > before)
     other.communicate()
     client.of_action(handle.cancel_goal_async)
     answer = client.of_action(handle.get_result_async)
@@ -154,7 +153,10 @@ def test_memory_of_a_large_result_is_returned():
         large = {"samples": 1000, "return_samples": 1000, "trajectory_period": 0.002}
         prediction = complete(goal(propagator="monte_carlo", **large))
         assert sum(len(state.pose_samples) for state in prediction.objects[0].states) == 100_000
-        time.sleep(13.0)
-        complete(goal(samples=100, propagator="monte_carlo"))
-        assert memory(node.process) < before + 50.0
+
+        def is_returned():
+            complete(goal(samples=100, propagator="monte_carlo"))
+            return memory(node.process) < before + 50.0
+
+        wait_until(is_returned)
         action.destroy()

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped
 from scenes import assert_answered, orientation_of, packed, position_of
 from scipy.spatial.transform import Rotation
@@ -21,7 +20,7 @@ from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.ros import request_of_planning_scene
 from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
-from unc_physics_msgs.msg import Action, ObjectState, PredictedObject
+from unc_physics_msgs.msg import Action, ObjectState
 
 try:
     from moveit_msgs.msg import AttachedCollisionObject, CollisionObject, PlanningScene
@@ -184,29 +183,6 @@ def test_a_model_stands_where_its_primitive_does():
 
 def _bottom(model):
     return (model.centers[:, 2] - model.radii - model.origin[2]).min()
-
-
-def test_the_node_releases_what_a_link_holds(node, predict):
-    """A box hangs below a hand, of which the planning scene has no shape, and falls when it is let go."""
-    scene = planning_scene()
-    scene.robot_state.attached_collision_objects[0].object.pose = pose((0.0, 0.0, -0.1), OWN)
-    request = request_of_planning_scene(scene, frames={"hand": pose(SHIFT, Rotation.identity())})
-    request.scene.environment.elements.clear()
-    request.scene.header.frame_id = ""
-    request.horizon = Duration(nanosec=500_000_000)
-    held = predict(request)
-    request.actions[0].attachment.has_released_at = True
-    request.actions[0].attachment.released_at = Duration(nanosec=300_000_000)
-    released = predict(request)
-    heights = []
-    for answer in (held, released):
-        assert_answered(answer)
-        can, hand = answer.prediction.objects
-        assert can.status == PredictedObject.STATUS_FINE, can.status_msg
-        np.testing.assert_allclose(position_of(hand.states[-1].pose.pose), SHIFT, atol=1e-9)
-        heights.append(position_of(can.states[-1].pose.pose)[2])
-    assert heights[0] == pytest.approx(position_of(request.scene.objects[0].pose)[2], abs=1e-6)
-    assert heights[0] - heights[1] == pytest.approx(0.5 * 9.81 * 0.2**2, abs=2e-3)
 
 
 def test_a_link_inside_of_what_it_holds_needs_a_shape():

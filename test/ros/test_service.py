@@ -1,22 +1,12 @@
 """The service `~/predict`, over real DDS, from another process."""
 
 import numpy as np
-from scenes import (
-    assert_answered,
-    explicit,
-    good_request,
-    moving_object,
-    position_of,
-    request_of,
-    with_physics,
-)
-from shape_msgs.msg import Plane, SolidPrimitive
+from scenes import assert_answered, explicit, good_request, position_of, with_physics
+from shape_msgs.msg import Plane
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.geometry.library import list_models
 from unc_physics.ros.messages.fields import duration, seconds
-from unc_physics_msgs.msg import EnvironmentElement, ModelInfo, ObjectState, PredictedObject
-from unc_physics_msgs.srv import ListModels
+from unc_physics_msgs.msg import EnvironmentElement, ObjectState
 
 
 def test_the_node_s_own_physics_is_a_robot_s_world(predict):
@@ -37,26 +27,6 @@ def test_the_explicit_step_computes_what_rests(predict):
     assert refused.error_code == ErrorCode.INVALID_OPTION and "sleep" in refused.error_msg
 
 
-def test_a_preset_takes_the_place_of_the_node_s_physics(predict):
-    response = predict(with_physics(good_request(propagator="surrogate"), preset="paper"))
-    assert_answered(response)
-    assert response.prediction.physics_summary == "explicit, dt 0.01 s, stiffness 1e+04 N/m^3"
-
-
-def test_a_mesh_in_millimetres_is_flagged(predict):
-    box = moving_object("box", "", (0.0, 0.0, 500.0), (0.0, 0.0, 0.0), spheres=20)
-    box.primitive, box.mass = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[100.0] * 3), 0.5
-    (flagged,) = predict(request_of(box)).prediction.objects
-    assert flagged.status & PredictedObject.STATUS_OUTSIDE_VALIDITY
-    assert (
-        "mass that does not fit its size, 0.5 kg and 1e+06 m^3; is its mesh in millimetres"
-        in flagged.status_msg
-    )
-    box.scale, box.pose.position.z = 1e-3, 0.0
-    (fine,) = predict(request_of(box)).prediction.objects
-    assert "fit its size" not in fine.status_msg
-
-
 def test_a_trajectory(predict):
     request = explicit(good_request(trajectory_period=0.06, propagator="linearization"))
     request.scene.header.stamp.sec = 123
@@ -66,13 +36,6 @@ def test_a_trajectory(predict):
         times = [seconds(state.time_from_start) for state in predicted.states]
         assert np.allclose(times, [0.06, 0.12, 0.18, 0.2])
     assert response.prediction.header.stamp.sec == 123
-
-
-def test_the_shipped_models_are_all_ready(node, client):
-    response = client.call(ListModels, "/unc_physics/list_models", ListModels.Request())
-    found = {model.name: model for model in response.models}  # other tests may have loaded more
-    assert set(list_models()) <= set(found) and list(found) == sorted(found)
-    assert all(found[name].status == ModelInfo.STATUS_READY for name in list_models())
 
 
 def test_a_scene_in_which_nothing_moves(predict):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from geometry_msgs.msg import Point, Point32, Polygon
-from scenes import assert_answered, good_request, material_of, moving_object, packed, request_of, with_physics
+from scenes import material_of, moving_object, packed
 from shape_msgs.msg import Mesh, MeshTriangle, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode, NoObjectsError, UncPhysicsError
@@ -239,22 +239,3 @@ def test_limits_and_what_an_obstacle_cannot_have(library, monkeypatch):
         read(library, moving_object(), elements=[cone])
     with pytest.raises(NoObjectsError):
         read(library)
-
-
-def test_the_node_answers_them(node, predict):
-    """Over real DDS: a box that falls on a cone, which is told as a fixed object."""
-    box = shaped(primitive=primitive(SolidPrimitive.BOX, 0.1, 0.1, 0.1))
-    box.pose.position.x, box.pose.position.z = 0.0, 0.5
-    request = with_physics(request_of(box, horizon=0.2, return_probabilities=True), gravity=None)
-    cone = EnvironmentElement(id="cone", primitive=primitive(SolidPrimitive.CONE, 0.4, 0.1))
-    cone.pose.position.z = 0.2
-    request.scene.environment.elements = [cone]
-    response = predict(request)
-    assert_answered(response)
-    falling, standing = response.prediction.objects
-    assert (standing.id, standing.kind) == ("cone", ObjectState.FIXED) and standing.model.startswith("mesh_")
-    assert standing.states[-1].pose.pose.position.z == pytest.approx(0.2)
-    (touch,) = response.prediction.contact_probabilities
-    assert {touch.object_a, touch.object_b} == {"thing", "cone"} and touch.probability.probability > 0.9
-    assert falling.states[-1].pose.pose.position.z > 0.4
-    assert_answered(predict(good_request()))

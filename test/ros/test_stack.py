@@ -11,15 +11,11 @@ from pathlib import Path
 import numba
 import pytest
 import rclpy
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
 from lifecycle_msgs.srv import GetState
 from rclpy.duration import Duration
 from rclpy.executors import MultiThreadedExecutor
-from rclpy.parameter import Parameter
-from rclpy.qos import qos_profile_sensor_data
-from rosgraph_msgs.msg import Clock
 from running import (
     ANSWER_TIMEOUT,
     READY_TIMEOUT,
@@ -31,13 +27,11 @@ from running import (
     wait_until,
 )
 from scenes import assert_answered, good_request, moving_object, position_of, request_of, with_physics
-from std_msgs.msg import Header
 from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.dynamics import rollout
 from unc_physics.ros import server
-from unc_physics_msgs.msg import Prediction, Scene
 from unc_physics_msgs.srv import Predict
 
 LAUNCH = Path(__file__).resolve().parents[2] / "launch"
@@ -184,32 +178,6 @@ def test_where_rclpy_does_not_defer_answers_the_callback_answers(robot, client):
     robot.server.deferred_answers.close()
     robot.server.deferred_answers = robot.server._open[0] = NotDeferred()
     assert_answered(client.predict(good_request(), node="robot_1/unc_physics"))
-
-
-def test_simulated_time(robot, client):
-    robot.set_parameters([Parameter("use_sim_time", value=True)])
-    clock = client.node.create_publisher(Clock, "/clock", 1)
-    scenes = client.node.create_publisher(Scene, "/robot_1/unc_physics/scene", qos_profile_sensor_data)
-    wait_until(lambda: clock.get_subscription_count() and scenes.get_subscription_count())
-    now = Clock(clock=Time(sec=1000))
-
-    def scene(stamp):
-        return Scene(header=Header(stamp=stamp), objects=good_request().scene.objects)
-
-    def tick():
-        clock.publish(now)
-        return robot.get_clock().now().nanoseconds == 1000 * 10**9
-
-    with Inbox(client, Prediction, "/robot_1/unc_physics/predictions") as inbox:
-        wait_until(tick)
-        inbox.answer(lambda: scenes.publish(scene(Time(sec=1000))))
-        scenes.publish(scene(client.node.get_clock().now().to_msg()))  # of real time: far in the future
-        last = scene(Time(sec=1000, nanosec=1))
-        scenes.publish(last)
-        while (stamp := inbox.next().header.stamp) != last.header.stamp:
-            assert stamp.sec == 1000
-    client.node.destroy_publisher(clock)
-    client.node.destroy_publisher(scenes)
 
 
 def test_a_scene_ahead_of_its_transform_waits_and_holds_up_nobody():

@@ -47,6 +47,7 @@ def node():
         "tracked_models": ["can"],
         "markers": ["initial", "predicted", "ellipsoid", "rotation"],
         "default_linear_velocity_std": 0.5,
+        "qos_overrides./tracker/pose.subscription.reliability": "reliable",
     }
     with NodeProcess(name="stream", **parameters) as process:
         yield process
@@ -179,18 +180,6 @@ def test_scenes_of_other_times_are_dropped_and_bad_ones_told(publish, answer_to,
     assert not [one for one in received if is_of(old)(one) or is_of(bad)(one)]
 
 
-def test_the_reason_of_a_dropped_scene_is_in_the_diagnostics(publish, listener):
-    with Inbox(listener, DiagnosticArray, "/diagnostics") as diagnostics:
-
-        def given():
-            """Whether the warning shows; an error of an earlier test hides it for a while."""
-            publish(scene(listener, age=60.0))
-            status, _ = diagnostics.status(STATUS)
-            return status.message.startswith("dropped inputs: its stamp is ")
-
-        wait_until(given)
-
-
 def test_what_waits_is_replaced_by_what_is_newer():
     begun, go_on, done, replaced = threading.Event(), threading.Event(), [], []
 
@@ -304,16 +293,6 @@ def test_what_holds_no_valid_object_is_answered_by_an_empty_prediction(answer_to
     assert [pair.key for pair in answers[1].skipped] == ["left/1", "right"]
 
 
-def test_quality_of_service_can_be_overridden(listener):
-    topic = "/quality/predictions"
-    options = {f"qos_overrides.{topic}.publisher.reliability": "best_effort", "warm_up": [""]}
-    with NodeProcess(name="quality", **options) as process:
-        wait_until(lambda: listener.node.get_publishers_info_by_topic(topic))
-        (info,) = listener.node.get_publishers_info_by_topic(topic)
-        assert info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-        assert "has no effect" not in process.output
-
-
 def test_transforms_of_predicted_poses():
     header = Header(frame_id="world")
     header.stamp.sec = 7
@@ -351,10 +330,11 @@ def has_objects(*names):
     return lambda message: [predicted.id for predicted in message.objects] == list(names)
 
 
-def test_a_tracked_object(node, listener):
-    publisher = listener.node.create_publisher(
-        PoseWithCovarianceStamped, "/tracker/pose", qos_profile_sensor_data
-    )
+def test_a_tracked_object_with_another_quality_of_service(node, listener):
+    publisher = listener.node.create_publisher(PoseWithCovarianceStamped, "/tracker/pose", 1)
+    wait_until(lambda: publisher.get_subscription_count() == 1)
+    (info,) = listener.node.get_subscriptions_info_by_topic("/tracker/pose")
+    assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE and "has no effect" not in node.output
     sent = PoseWithCovarianceStamped()
     sent.pose.pose.position.z = 2.0
     with Inbox(listener, Prediction, "/stream/predictions") as inbox:

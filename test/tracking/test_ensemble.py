@@ -103,24 +103,6 @@ def test_gaussian_and_ensemble_agree_about_poses():
     assert by_members.innovations[0].square == pytest.approx(innovation.square, rel=0.02)
 
 
-def test_the_order_of_independent_measurements_does_not_matter():
-    rng = np.random.default_rng(4)
-    P = random_covariance(24, rng, np.r_[SCALE, SCALE])
-    mean = np.zeros((2, 13))
-    mean[:, 9], mean[1, 0] = 1.0, 0.2
-    states = ensemble(P, 64, rng, mean, (0, 1))
-    measurements = [
-        BodyObservation(0, PositionMeasurement([0.002, 0.001, 0.0], np.full(3, 2e-3)).observation(BODY), 0),
-        BodyObservation(1, PositionMeasurement([0.197, 0.0, 0.003], np.full(3, 3e-3)).observation(BODY), 1),
-    ]
-    moving, groups = np.array([0, 1]), np.zeros(2)
-    one = moments(corrected(states, moving, measurements, groups).states, (0, 1))
-    other = moments(corrected(states, moving, measurements[::-1], groups).states, (0, 1))
-    # rotations of 0.003 rad that are put together in another order differ by their square
-    assert one[0] == pytest.approx(other[0], abs=1e-5)
-    assert one[1] == pytest.approx(other[1], abs=1e-7)
-
-
 def test_a_relative_pose_ties_two_bodies():
     rng = np.random.default_rng(7)
     P = np.diag(np.r_[SCALE, SCALE] ** 2)

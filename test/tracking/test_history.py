@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tracked_scenes import NOISE, begun, free_scene, pose
 
-from unc_physics import PoseMeasurement, UncPhysicsError
+from unc_physics import PoseMeasurement
 from unc_physics.checks.errors import DivergedError
 from unc_physics.tracking.correction import correct_state
 from unc_physics.tracking.history import History
@@ -19,22 +19,6 @@ def seen_at(time):
 
 
 UNKNOWN = {"linear_velocity_std": 2.0, "angular_velocity_std": 15.0}
-
-
-def test_a_history_forgets_what_no_later_time_needs():
-    tracked, state = begun(free_scene(), 16, box0={"linear_velocity": (SPEED, 0.0, 0.0)})
-    history = History(0.0, state)
-    for k in range(1, 5):
-        history.add(tracked, k * PERIOD, seen_at(k * PERIOD))
-    before = history.state_at(tracked, 2.5 * PERIOD)
-    other = history.copy()
-    history.forget(2.5 * PERIOD)
-    assert history.begin == pytest.approx(2.0 * PERIOD) and other.begin == 0.0
-    after = history.state_at(tracked, 2.5 * PERIOD)
-    np.testing.assert_array_equal(before.carry.states, after.carry.states)
-    assert history.is_before(1.9 * PERIOD) and not history.is_before(2.1 * PERIOD)
-    with pytest.raises(UncPhysicsError, match="window, which begins at 0.0666"):
-        history.state_at(tracked, PERIOD)
 
 
 def test_a_correction_that_fails_leaves_the_history_as_it_was(monkeypatch):
