@@ -21,9 +21,12 @@ def test_what_is_there_is_granted_and_what_is_not_is_refused_with_both_numbers(m
         require_memory(6e10, "a lot", "samples", 7)
     monkeypatch.setenv(memory.LIMIT, "1e15")
     require_memory(6e10, "a lot", "samples", 7)
-    monkeypatch.setenv(memory.LIMIT, "much")
-    with pytest.raises(InvalidOptionError, match="UNC_PHYSICS_MEMORY.*much"):
-        require_memory(6e10, "a lot", "samples", 7)
+    for value in ("much", "nan", "-1"):
+        monkeypatch.setenv(memory.LIMIT, value)
+        with pytest.raises(
+            InvalidOptionError, match=f"UNC_PHYSICS_MEMORY must be a number of bytes.*{value}"
+        ):
+            require_memory(6e10, "a lot", "samples", 7)
 
 
 def many(count, **physics):

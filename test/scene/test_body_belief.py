@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, UncPhysicsError, load_model
-from unc_physics.checks.errors import InvalidRequestError
 from unc_physics.scene.scene_file import scene_from_dict
 
 PIN = load_model("pin").prefix(20)
@@ -41,18 +40,16 @@ def test_names_and_fields_find_their_places():
         ({"lefft": LEFT}, "did you mean 'left'"),
         ({"left": [1, 2, 3]}, r"bodies\['left'\] must be a BodyBelief, not a list"),
         (
-            {"left": LEFT, "post": BodyBelief(position_std=0.1), "right": RIGHT},
-            "position_std of body 'post' must be zero or absent: the body is fixed",
+            {"post": BodyBelief(position_std=0.1)},
+            "position_std of body 'post' must be zero or absent: the body",
         ),
-        (
-            {"left": LEFT, "post": BodyBelief(angular_velocity=(0, 0, 1)), "right": RIGHT},
-            "angular_velocity of body 'post' must be zero",
-        ),
+        ({"post": BodyBelief(angular_velocity=(0, 0, 1))}, "angular_velocity of body 'post' must be zero"),
     ],
 )
 def test_what_does_not_fit_is_named(bodies, words):
+    others = {"left": LEFT, "post": POST, "right": RIGHT} if bodies.keys() == {"post"} else {}
     with pytest.raises(UncPhysicsError, match=words):
-        Belief.of(SCENE, bodies)
+        Belief.of(SCENE, others | bodies)
 
 
 @pytest.mark.parametrize(
@@ -69,6 +66,11 @@ def test_what_does_not_fit_is_named(bodies, words):
             {"covariance": np.eye(12), "position_std": 0.1},
             "^covariance must not be given beside position_std",
         ),
+        (
+            {"roll_pitch_yaw": (0, 0, 1), "orientation": (0, 0, 0, 1)},
+            "^roll_pitch_yaw must not be given beside",
+        ),
+        ({"origin": "base"}, "^origin must be one of center_of_mass, model"),
     ],
 )
 def test_wrong_fields_are_named(fields, words):
@@ -76,9 +78,29 @@ def test_wrong_fields_are_named(fields, words):
         BodyBelief(**fields)
 
 
-def test_a_belief_without_the_fixed_body_says_how_to_make_one_that_fits():
-    with pytest.raises(UncPhysicsError, match=r"moving=\[0, 2\].*Belief.of"):
-        Belief(np.tile(POST.state, (3, 1)), np.zeros((3, 12, 12))).check_fits(SCENE)
+@pytest.mark.parametrize(
+    ("moving", "blocks", "words"),
+    [
+        ([0, 2], 2, None),
+        ([], 0, "belief must have covariance for the scene's moving bodies, moving=.0, 2.*Belief.of"),
+        ([0, 1], 2, "belief must have covariance for the scene's moving bodies, moving=.0, 2.*Belief.of"),
+        (None, 3, "belief must have covariance for the scene's moving bodies, moving=.0, 2.*Belief.of"),
+        ([0, 3], 2, "moving must be indices of 3 bodies"),
+        ([-1, 0], 2, "moving must be indices of 3 bodies"),
+        ([2, 0], 2, "moving must be ascending indices of bodies"),
+        ([2, 2], 2, "moving must be ascending indices of bodies"),
+        ([0, 1.5], 2, "moving must be ascending indices of bodies"),
+        ([[0, 2]], 2, "moving must be ascending indices of bodies"),
+        ([0, 2], 3, "covariance must have 2 blocks, not 3"),
+    ],
+)
+def test_indices_of_moving_bodies_are_those_of_the_scene(moving, blocks, words):
+    mean, P = np.tile(POST.state, (3, 1)), np.zeros((blocks, 12, 12))
+    if words is None:
+        Belief(mean, P, moving).check_fits(SCENE)
+        return
+    with pytest.raises(UncPhysicsError, match=words):
+        Belief(mean, P, moving).check_fits(SCENE)
 
 
 def test_roll_pitch_yaw_are_rotations_about_fixed_axes():
@@ -86,8 +108,6 @@ def test_roll_pitch_yaw_are_rotations_about_fixed_axes():
     expected = Rotation.from_euler("xyz", angles).as_quat()
     found = BodyBelief(roll_pitch_yaw=angles).orientation
     np.testing.assert_allclose(found * np.sign(found @ expected), expected, atol=1e-15)
-    with pytest.raises(InvalidRequestError, match="roll_pitch_yaw must not be given beside orientation"):
-        BodyBelief(roll_pitch_yaw=angles, orientation=[0, 0, 0, 1])
 
 
 def test_a_pose_of_the_model_s_origin():
@@ -119,8 +139,6 @@ def test_a_pose_of_the_model_s_origin():
         np.cov(moved.T) / np.outer(scale, scale), found.covariance / np.outer(scale, scale), atol=0.02
     )
     assert given.at_center_of_mass(origin).at_center_of_mass(origin).origin == "center_of_mass"
-    with pytest.raises(InvalidRequestError, match="origin must be one of center_of_mass, model"):
-        BodyBelief(origin="base")
 
 
 def test_a_scene_file_places_the_model_s_origin():

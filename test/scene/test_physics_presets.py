@@ -97,8 +97,6 @@ def test_a_given_friction_is_exact_unless_its_std_is_given(entry, friction, std)
             "must not be given beside friction.std",
         ),
         ({"restitution": {"mean": 0.4, "std": -1}}, "restitution_std must not be negative"),
-        ({"exact": "yes"}, "exact must be true or false"),
-        ({"impact_friction_speed": 0.0}, "impact_friction_speed must be positive"),
     ],
 )
 def test_bad_spreads_are_refused(entries, sentence):
