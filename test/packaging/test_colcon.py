@@ -50,7 +50,7 @@ try:
         rclpy.spin_once(node, timeout_sec=1.0)
     assert "bunny" in [model.name for model in future.result().models], future.result()
     server.send_signal(signal.SIGINT)
-    sys.exit(server.wait(20))
+    sys.exit(server.wait())
 finally:
     server.kill()
     rclpy.try_shutdown()

@@ -25,16 +25,9 @@ def loaded_modules(code):
     return run.stdout.splitlines()[-1].split()[1:]
 
 
-def test_importing_the_package_loads_nothing_heavy():
-    assert loaded_modules("import unc_physics") == []
-
-
-def test_shapes_load_nothing_heavy():
-    assert loaded_modules("import unc_physics.shapes") == []
-
-
-def test_the_client_of_the_node_waits_until_it_is_asked_for():
-    assert loaded_modules("import unc_physics.ros") == []
+@pytest.mark.parametrize("module", ["unc_physics", "unc_physics.shapes", "unc_physics.ros"])
+def test_importing_loads_nothing_heavy(module):
+    assert loaded_modules(f"import {module}") == []
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["predict", "--help"], ["--version"]])
@@ -61,24 +54,3 @@ scene = Scene([RigidBody("a", load_model("pin").prefix(10))])
         "llvmlite",
         "scipy",
     }  # SciPy by numba, where it is installed
-
-
-def test_kernels_import_numpy_and_numba_alone():
-    """Of what is not in the standard library."""
-    import ast
-
-    allowed = {"numpy", "numba", "llvmlite", *sys.stdlib_module_names}
-    folders = "collision", "compiler", "dynamics", "initialization", "spatial"
-    package = ROOT / "unc_physics"
-    kernels = [package / "shapes" / f"{name}.py" for name in ("columns", "manifold", "nearest", "support")]
-    kernels += [path for folder in folders for path in (package / folder).rglob("*.py")]
-    for path in sorted(kernels):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                assert all(alias.name.split(".")[0] in allowed for alias in node.names), path
-            elif isinstance(node, ast.ImportFrom) and node.level == 0:
-                assert node.module.split(".")[0] in allowed, path
-            elif isinstance(node, ast.ImportFrom):
-                level = len(path.relative_to(package).parts) - node.level
-                own = (*folders, path.parent.name)
-                assert level > 0 or node.module.split(".")[0] in own, path

@@ -33,13 +33,9 @@ def test_the_stub_names_each_once_where_it_is_defined():
     assert set(unc_physics.__all__) <= set(dir(unc_physics))
     for name in names:
         value = getattr(unc_physics, name)
+        assert value is not None
         if hasattr(value, "__module__"):
             assert value.__module__ == f"unc_physics{unc_physics._HOMES[name]}"
-
-
-def test_every_public_name_is_there():
-    for name in unc_physics.__all__:
-        assert getattr(unc_physics, name) is not None
     with pytest.raises(AttributeError, match="nothing_of_the_kind"):
         unc_physics.nothing_of_the_kind  # noqa: B018
 
