@@ -10,7 +10,14 @@ from throws import scene
 from unc_physics.calibration.adjustable import Model, adjustables, chosen, with_values
 from unc_physics.calibration.posterior import Posterior, prior_weight
 from unc_physics.calibration.search import Search
-from unc_physics.calibration.uncertainty import _along, _least_in_box, _mixed, _std_from_increase, refine
+from unc_physics.calibration.uncertainty import (
+    _along,
+    _axis,
+    _least_in_box,
+    _mixed,
+    _std_from_increase,
+    refine,
+)
 from unc_physics.checks.errors import DivergedError, LimitExceededError
 
 NAMES = ("friction", "restitution", "impact_point_std")
@@ -157,7 +164,7 @@ def test_all_values_within_bounds_fit_together(laws):
 class Quadratic:
     """Scores of motions that are quadratics of two values within bounds of 0 and 10."""
 
-    low, high = np.zeros(2), np.full(2, 10.0)
+    low, high, curvature = np.zeros(2), np.full(2, 10.0), 0.0
     hessian = np.array([[3.0, 1.0], [1.0, 2.0]])
 
     def __init__(self, least=(4.0, 5.0), motions=30):
@@ -170,6 +177,9 @@ class Quadratic:
 
     def moved(self, x, k, by):
         return np.clip(x + by * np.eye(2)[k], self.low, self.high)
+
+    def directions(self, x):
+        return np.eye(2)
 
 
 @pytest.mark.parametrize("place", [0.0, 0.1, 0.4, 1.0, 5.0, 9.2, 9.9, 10.0])
@@ -187,6 +197,37 @@ def test_differences_of_a_quadratic_are_exact_beside_a_bound(place):
         assert points == pytest.approx(expected.get(place, (-1.6, -0.8) if place == 10.0 else (-0.8, 0.8)))
     first, second = (_along(scores, x, scores.at(x), k, step) for k in range(2))
     assert _mixed(scores, x, scores.at(x), (0, first), (1, second)) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("curvature", "error", "slope", "step"),
+    [
+        (3.0, 0.9, 2.0, 0.7),  # it curves by 3.3 standard errors
+        (3.0, 1.1, 2.0, 1.4),  # by 2.7, also over twice the step
+        (30.0, 0.0, 30.0, 0.7),
+        (300.0, 0.0, 3.0, None),  # six standard deviations
+    ],
+)
+def test_steps_are_longer_than_the_noise_and_not_wider_than_the_curve(curvature, error, slope, step):
+    """The curvature's standard error is given, and the standard deviation of the slopes of 30 motions."""
+    noise = np.random.default_rng(0).standard_normal((2, 30))
+    noise = (noise - noise.mean(axis=1)[:, None]) / noise.std(axis=1, ddof=1)[:, None]
+    scores, own = Quadratic((5.0, 5.0)), curvature + error * np.sqrt(30.0) * noise[0]
+    scores.at = lambda x: 0.5 * own * (x[1] - 5.0) ** 2 + slope * noise[1] * (x[1] - 5.0)
+    found = _axis(scores, scores.least, scores.at(scores.least), 1)
+    alone = np.sqrt((29.0 * slope**2 + 2.0 * curvature) / 33.0 / 30.0) / curvature
+    assert found.step == pytest.approx(6.0 * alone if step is None else step)
+    assert found.curvature == pytest.approx(own) and found.opposite == pytest.approx(-found.step)
+
+
+@pytest.mark.parametrize(("bumps", "share"), [((), 1.0), ((1.0,), 0.5), ((1.0, 0.5), 0.0)])
+def test_the_least_of_the_quadratic_counts_only_if_it_is_less(bumps, share):
+    """Where the score is larger there, half of the way is tried."""
+    scores, way = Quadratic(), np.array([0.4, -0.3])
+    start, plain = scores.least - way, scores.at
+    places = [start + bump * way for bump in bumps]
+    scores.at = lambda x: plain(x) + 50.0 * any(np.abs(x - place).max() < 1e-3 for place in places)
+    assert refine(scores, start).x == pytest.approx(start + share * way, abs=1e-9)
 
 
 @pytest.mark.parametrize("guess", [0.3, 1.0, 3.0])
