@@ -162,12 +162,12 @@ def test_all_values_within_bounds_fit_together(laws):
 
 
 class Quadratic:
-    """Scores of motions that are quadratics of two values within bounds of 0 and 10."""
+    """Scores of motions that are quadratics of two values within bounds of -3 and 7."""
 
-    low, high, curvature = np.zeros(2), np.full(2, 10.0), 0.0
+    low, high, curvature = np.full(2, -3.0), np.full(2, 7.0), 0.0
     hessian = np.array([[3.0, 1.0], [1.0, 2.0]])
 
-    def __init__(self, least=(4.0, 5.0), motions=30):
+    def __init__(self, least=(1.0, 2.0), motions=30):
         self.least, errors = np.array(least), np.random.default_rng(0).standard_normal((motions, 2))
         self.slopes = errors - errors.mean(axis=0)
 
@@ -182,19 +182,25 @@ class Quadratic:
         return np.eye(2)
 
 
-@pytest.mark.parametrize("place", [0.0, 0.1, 0.4, 1.0, 5.0, 9.2, 9.9, 10.0])
+@pytest.mark.parametrize("place", [-3.0, -2.9, -2.6, -2.0, 2.0, 6.2, 6.9, 7.0])
 def test_differences_of_a_quadratic_are_exact_beside_a_bound(place):
     """On both sides, or twice on one side where the bound is closer than three tenths of a step."""
     scores, step = Quadratic(), 0.8
     for k in range(2):
-        x = np.array([6.0, 6.0])
+        x = np.array([3.0, 3.0])
         x[k] = place
         axis = _along(scores, x, scores.at(x), k, step)
         assert axis.curvature == pytest.approx(np.full(30, scores.hessian[k, k]))
         assert axis.slope == pytest.approx(scores.slopes[:, k] + scores.hessian[k] @ (x - scores.least))
         points = sorted((axis.step, axis.opposite))
-        expected = {0.0: (0.8, 1.6), 0.1: (0.8, 1.6), 0.4: (-0.4, 0.8), 9.2: (-0.8, 0.8), 9.9: (-1.6, -0.8)}
-        assert points == pytest.approx(expected.get(place, (-1.6, -0.8) if place == 10.0 else (-0.8, 0.8)))
+        expected = {
+            -3.0: (0.8, 1.6),
+            -2.9: (0.8, 1.6),
+            -2.6: (-0.4, 0.8),
+            6.9: (-1.6, -0.8),
+            7.0: (-1.6, -0.8),
+        }
+        assert points == pytest.approx(expected.get(place, (-0.8, 0.8)))
     first, second = (_along(scores, x, scores.at(x), k, step) for k in range(2))
     assert _mixed(scores, x, scores.at(x), (0, first), (1, second)) == pytest.approx(1.0)
 
@@ -212,8 +218,8 @@ def test_steps_are_longer_than_the_noise_and_not_wider_than_the_curve(curvature,
     """The curvature's standard error is given, and the standard deviation of the slopes of 30 motions."""
     noise = np.random.default_rng(0).standard_normal((2, 30))
     noise = (noise - noise.mean(axis=1)[:, None]) / noise.std(axis=1, ddof=1)[:, None]
-    scores, own = Quadratic((5.0, 5.0)), curvature + error * np.sqrt(30.0) * noise[0]
-    scores.at = lambda x: 0.5 * own * (x[1] - 5.0) ** 2 + slope * noise[1] * (x[1] - 5.0)
+    scores, own = Quadratic((2.0, 2.0)), curvature + error * np.sqrt(30.0) * noise[0]
+    scores.at = lambda x: 0.5 * own * (x[1] - 2.0) ** 2 + slope * noise[1] * (x[1] - 2.0)
     found = _axis(scores, scores.least, scores.at(scores.least), 1)
     alone = np.sqrt((29.0 * slope**2 + 2.0 * curvature) / 33.0 / 30.0) / curvature
     assert found.step == pytest.approx(6.0 * alone if step is None else step)
@@ -239,7 +245,7 @@ def test_a_standard_deviation_is_that_of_the_distance_to_a_clear_increase(guess)
     std = slopes.std(ddof=1) / np.sqrt(30.0) / (along @ scores.hessian @ along)
     found = _std_from_increase(scores, scores.least, scores.at(scores.least), 0, along, guess * std)
     assert found == pytest.approx(std)
-    near = Quadratic((0.5 * std, 5.0))  # the bound comes first on one side
+    near = Quadratic((0.5 * std - 3.0, 2.0))  # the bound comes first on one side
     found = _std_from_increase(near, near.least, near.at(near.least), 0, along, guess * std)
     assert found == pytest.approx(0.5 * np.sqrt(0.5 * (0.5**2 + 2.0**2)) * std)
 
