@@ -1,15 +1,13 @@
 """Anything at all, predicted: an answer of finite numbers, or one sentence."""
 
-import io
 import warnings
-import zipfile
 
 import numpy as np
 from example_scenes import CONTENTS, examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from unc_physics import UncPhysicsError, assess, load_model, predict
+from unc_physics import UncPhysicsError, assess, predict
 from unc_physics.scene.scene_file import scene_from_dict
 
 SLOW = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much]
@@ -120,27 +118,3 @@ def test_any_arrays_make_a_model_that_works_or_a_sentence(tmp_path_factory, data
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         answer_or_sentence(content)
-
-
-MAGIC = [b"", b"\x93NUMPY\x01\x00", b"\x93NUMPY\x02\x00"]
-
-
-@settings(max_examples=examples(200), suppress_health_check=SLOW)
-@given(st.binary(max_size=120), st.sampled_from(MAGIC), st.text(max_size=60))
-def test_any_bytes_in_an_archive_are_a_model_or_a_sentence(tmp_path_factory, tail, magic, header):
-    """What begins as an array's header does, with any header and any numbers."""
-    path = tmp_path_factory.mktemp("models") / "drawn.npz"
-    header = ("{'descr': '<f8', 'fortran_order': False, " + header).encode("utf-8", "surrogatepass")
-    width = 2 if magic.endswith(b"\x01\x00") else 4
-    entry = magic + len(header).to_bytes(width, "little") + header + tail if magic else tail
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        archive.writestr("centers.npy", entry)
-        archive.writestr("radii.npy", entry)
-    path.write_bytes(stream.getvalue())
-    try:
-        model = load_model(path)
-    except UncPhysicsError as error:
-        assert str(error).isprintable()
-        return
-    assert np.isfinite(model.centers).all()

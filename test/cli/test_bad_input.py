@@ -375,6 +375,11 @@ def npy(start):
 FLOATS = b"{'descr': '<f8', 'fortran_order': False, "
 #: Those whose arrays make no model are in test/geometry/test_packing_file.py.
 MODELS = {
+    "empty": b"",
+    "text": b"spheres",
+    "cut_off": npz()[:-200],
+    "single_array": npy(FLOATS + b"'shape': (3,), }") + bytes(24),
+    "objects": npz(centers=np.array([None])),
     "unfinished_header": with_header(FLOATS + b"'shape': (2, 3), (((("),
     "unfinished_text": with_header(b'"""{'),
     "name_of_numbers": npz(name=np.arange(3.0)),

@@ -142,6 +142,7 @@ def test_a_short_packing_says_why(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(packing_module, "SMALLEST", 0.2)
     assert main(["pack", str(tmp_path / "box.off"), "-n", "200", "-o", str(tmp_path / "ring.npz")]) == 0
     assert "stopped at" in capsys.readouterr().out
+    assert 9 <= len(load_packing(tmp_path / "ring.npz")) < 200
 
 
 def test_models_lists_size_mass_spheres_and_fill(capsys):

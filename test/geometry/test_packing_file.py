@@ -133,29 +133,6 @@ def test_inconsistent_files_are_refused_by_name_field_and_value(tmp_path, change
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "kind", ["missing", "empty", "text", "truncated", "single array", "objects", "folder"]
-)
-def test_unreadable_files_are_refused(tmp_path, kind):
-    path = tmp_path / "bad.npz"
-    if kind == "empty":
-        path.write_bytes(b"")
-    elif kind == "text":
-        path.write_text("spheres")
-    elif kind == "truncated":
-        save_packing(path, example())
-        path.write_bytes(path.read_bytes()[:-200])
-    elif kind == "single array":
-        with path.open("wb") as stream:
-            np.save(stream, np.zeros(3))
-    elif kind == "objects":
-        np.savez(path, centers=np.array([None]), radii=np.array([1.0]))
-    elif kind == "folder":
-        path.mkdir()
-    with pytest.raises(InvalidModelError, match="cannot be read"):
-        load_packing(path)
-
-
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, OSError])
 def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch, interruption):
     path = tmp_path / "model.npz"
