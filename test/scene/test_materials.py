@@ -14,7 +14,7 @@ from unc_physics.checks.errors import (
 )
 from unc_physics.scene.material_table import MATERIALS
 from unc_physics.scene.materials import varied
-from unc_physics.scene.parameters import draw_parameters, vary_materials
+from unc_physics.scene.parameters import vary_materials
 from unc_physics.scene.scene_file import scene_from_dict
 
 NAN = float("nan")
@@ -56,22 +56,6 @@ def test_where_nothing_is_said_implicit_is_plastic_and_explicit_elastic(model):
     np.testing.assert_array_equal(scene.materials.restitution, [1.0, 1.0])
 
 
-def test_each_material_that_is_uncertain_is_a_direction(model):
-    bodies = [
-        RigidBody("a", model, 1.0, mass_std=0.1, friction=0.4, friction_std=0.05),
-        RigidBody("b", model, fixed=True, restitution=0.5, restitution_std=0.2),
-    ]
-    scene = implicit(bodies, [Plane(friction=0.8, friction_std=0.1)], friction=0.3, friction_std=0.02)
-    assert [tuple(parameter) for parameter in scene.uncertain] == [
-        ("friction", -1, 0, 0.02),
-        ("mass", 0, 0, 0.1),
-        ("friction", 0, 0, 0.05),
-        ("restitution", 1, 0, 0.2),
-        ("friction", 2, 0, 0.1),
-    ]
-    assert draw_parameters(scene, 7, 1).shape == (7, 5)
-
-
 def test_uncertain_materials_vary_by_their_laws(model):
     bodies = [
         RigidBody("a", model, 1.0, friction=0.4, friction_std=0.05),
@@ -93,19 +77,6 @@ def test_uncertain_materials_vary_by_their_laws(model):
     )
     np.testing.assert_array_equal(vary_materials(scene, np.zeros(4)).friction, scene.materials.friction)
     np.testing.assert_array_equal(scene.materials.friction, [0.4, 0.3, 0.8])  # stays as it is
-
-
-def test_a_file_says_it_of_bodies_and_elements():
-    content = CONTENTS["two_bodies"]() | {"integrator": "implicit", "friction": 0.5, "gravity": [0, 0, 0]}
-    content["bodies"][1] |= {"friction": 0.4, "friction_std": 0.1, "restitution": None}
-    content["environment"] = [FLOOR | {"name": "floor", "restitution": 0.7, "restitution_std": 0.1}]
-    scene = scene_from_dict(content).scene
-    np.testing.assert_array_equal(scene.materials.friction, [0.5, 0.4, 0.5])
-    np.testing.assert_array_equal(scene.materials.restitution, [0.0, 0.0, 0.7])
-    assert [tuple(parameter) for parameter in scene.uncertain] == [
-        ("friction", 1, 0, 0.1),
-        ("restitution", 2, 0, 0.1),
-    ]
 
 
 BAD = [

@@ -12,6 +12,7 @@ from unc_physics.scene.physics_keys import PHYSICS_KEYS
 from unc_physics.scene.scene_file import PRESET, scene_from_dict
 
 TURNED = [0.0, 0.0, 0.6, 0.8]
+FLOOR = {"plane": {"normal": [0, 0, 1], "offset": -3.0}}
 SURROUNDINGS = [
     {"plane": {"normal": [0, 0, 2], "offset": -0.5}},
     {"name": "wall", "box": {"size": [0.1, 2, 1], "position": [1, 0, 0.5], "orientation": TURNED}},
@@ -67,21 +68,6 @@ def test_what_a_file_does_not_name_is_not_there(entries):
     assert scene.uncertain == () and scene.world.environment is None
 
 
-@pytest.mark.parametrize(
-    "key, value",
-    [
-        ("friction", 0.5),
-        ("restitution", 0.3),
-        ("gyroscopic", True),
-        ("sleep", True),
-        ("overlap", "reject"),
-        ("overlap", "keep"),
-    ],
-)
-def test_each_law_is_on_when_it_is_named(key, value):
-    assert getattr(scene_with(**{"integrator": "implicit", "gravity": None, key: value}), key) == value
-
-
 def test_uncertain_parameters():
     content = CONTENTS["two_bodies"]() | {
         "integrator": "implicit",
@@ -93,8 +79,12 @@ def test_uncertain_parameters():
         "gravity": [0, 0, -9.81],
         "gravity_direction_std": 0.02,
     }
+    content["bodies"][0] |= {"friction": 0.3, "friction_std": 0.1, "restitution": None}
     content["bodies"][1] |= {"mass_std": 0.05, "center_of_mass_std": [0.0, 0.01, 0.02]}
+    content["environment"] = [FLOOR | {"name": "floor", "restitution": {"mean": 0.7, "std": 0.2}}]
     scene = scene_from_dict(content).scene
+    np.testing.assert_array_equal(scene.materials.friction, [0.3, 0.4, 0.4])
+    np.testing.assert_array_equal(scene.materials.restitution, [0.5, 0.5, 0.7])
     found = {(parameter.name, parameter.body, parameter.axis): parameter.std for parameter in scene.uncertain}
     assert found == {
         ("stiffness", -1, 0): 100.0,
@@ -102,6 +92,8 @@ def test_uncertain_parameters():
         ("restitution", -1, 0): 0.1,
         ("gravity_direction", -1, 0): 0.02,
         ("gravity_direction", -1, 1): 0.02,
+        ("friction", 0, 0): 0.1,
+        ("restitution", 2, 0): 0.2,
         ("mass", 1, 0): 0.05,
         ("center_of_mass", 1, 1): 0.01,
         ("center_of_mass", 1, 2): 0.02,
@@ -112,6 +104,7 @@ def test_overlap_is_projected_away_by_the_implicit_step_alone():
     assert scene_with(integrator="implicit").overlap == "project"
     assert scene_with().overlap == "keep"
     assert scene_with(overlap="keep").overlap == "keep"
+    assert scene_with(integrator="implicit", overlap="reject").overlap == "reject"
 
 
 def test_bodies_at_rest():
