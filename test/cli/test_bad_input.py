@@ -460,6 +460,12 @@ def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
         ("--propagator monte_carlo --seed -1", "INVALID_OPTION", "seed.*-1"),
         ("--propagator surrogate --option k_sigma=wide", "INVALID_OPTION", "k_sigma.*wide"),
         ("--samples-out 10000000000", "LIMIT_EXCEEDED", "--samples-out must be less: what is shown of them"),
+        ("--samples-out 0", "INVALID_REQUEST", "--samples-out must be at least 1"),
+        (
+            "--propagator monte_carlo --samples 4 --samples-out 9",
+            "LIMIT_EXCEEDED",
+            "--samples-out .* 4 samples",
+        ),
         ("--status-rollouts 1", "INVALID_OPTION", "--status-rollouts must be 0, or at least 2 .got 1"),
         ("--propagator surrogate --status-rollouts 1000000000", "LIMIT_EXCEEDED", "must be at most 10000000"),
         ("--horizon 0", "INVALID_HORIZON", "horizon.*0"),

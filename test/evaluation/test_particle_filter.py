@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from unc_physics import Belief, PoseMeasurement
 from unc_physics.spatial.moments import boxplus
 from unc_physics.tracking.observation import constant_velocity, expectation, kalman_update
-from unc_physics_evaluation.engines import MuJoCoRollouts
 from unc_physics_evaluation.recorded_tosses import recorded_tosses
 from unc_physics_evaluation.tracked_tosses import NOISE, SHAPE, tracked_scene
 
@@ -55,12 +54,3 @@ def test_free_flight_equals_the_filter_with_constant_velocity():
     assert (error < 0.15).all()
     assert (np.abs(np.mean(errors, axis=0)) < 4.5 * error).all()
     assert np.sqrt(np.mean(variances, axis=0)) == pytest.approx(std, rel=0.1)
-
-
-def test_all_states_advance_as_each_alone():
-    engine = MuJoCoRollouts(tracked_scene(recorded_tosses()))
-    toss = recorded_tosses().states[3]
-    states = toss[[0, len(toss) // 2]][:, None]
-    found = engine.run_all(states, 20)
-    for start, end in zip(states, found, strict=True):
-        assert end == pytest.approx(engine.run(start, 20), abs=1e-9)

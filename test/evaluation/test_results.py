@@ -36,17 +36,6 @@ def test_rows_are_read_back(tmp_path):
     assert row["versions"] == ORIGIN["versions"] and row["machine"] == ORIGIN["machine"]
 
 
-def test_rows_are_in_one_order(tmp_path):
-    """A report reads the same whichever job was finished first; numbers are in the order of their size."""
-    results = Results(tmp_path)
-    for sigma in (0.05, 1, 0.1, 10):
-        results.add(job(sigma), outcome(2), ORIGIN)
-    rows = results.rows("paper")
-    assert [(row["sigma"], row["replicate"]) for row in rows] == [
-        (s, k) for s in (0.05, 0.1, 1, 10) for k in (0, 1)
-    ]
-
-
 def test_a_file_cut_off_anywhere_loses_at_most_its_last_job(tmp_path):
     """Whatever the interruption left, the file can be added to and holds whole jobs only."""
     results, jobs = Results(tmp_path), [job(0.01), job(0.02)]
@@ -62,15 +51,6 @@ def test_a_file_cut_off_anywhere_loses_at_most_its_last_job(tmp_path):
         for again in missing:
             results.add(again, outcome(2 if again == jobs[0] else 12), ORIGIN)
         assert sorted(path.read_bytes().splitlines()) == sorted(whole.splitlines())
-
-
-def test_arrays_are_kept(tmp_path):
-    import numpy as np
-
-    results, states = Results(tmp_path), np.arange(6.0).reshape(2, 3)
-    assert results.arrays("paper", job(0.05).key) == {}
-    results.add(job(0.05), Outcome(outcome(1).rows, {"states": states}), ORIGIN)
-    assert np.array_equal(results.arrays("paper", job(0.05).key)["states"], states)
 
 
 def test_other_columns_are_refused_before_any_work(tmp_path):
@@ -94,9 +74,3 @@ def test_one_evaluation_at_a_time(tmp_path):
         pass
     with Results(tmp_path).locked():
         pass
-
-
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="--output cannot be made"):
-        Results(tmp_path / "file" / "folder")

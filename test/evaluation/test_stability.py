@@ -10,7 +10,6 @@ import yaml
 from unc_physics import PROPAGATORS, RigidBody, Scene
 from unc_physics.__main__ import main
 from unc_physics.cli.schema_command import schema_text
-from unc_physics.dynamics.rollout import simulate
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.scene.physics_keys import INTEGRATORS
 from unc_physics.spatial.rotation import rotation_matrices
@@ -24,7 +23,7 @@ from unc_physics_evaluation.conservation import (
     rollout_rows,
     trajectory,
 )
-from unc_physics_evaluation.energy import contact_energy, surface_distance
+from unc_physics_evaluation.energy import surface_distance
 from unc_physics_evaluation.experiments import stability
 from unc_physics_evaluation.hard_cases import FOLDER, load, names
 from unc_physics_evaluation.hard_cases.shapes import ball
@@ -91,39 +90,6 @@ def test_flags_that_the_truth_confirms_are_not_false():
     judged = [judge((ratio, 1.0), (1.0, 1.0), 1.0, of, SHAPE) for ratio in (1.0, 3.0) for of in reasons]
     found = rates(judged)
     assert (found.good, found.false, found.bad, found.found) == (3, 1, 3, 2)
-
-
-@pytest.mark.parametrize(
-    "environment",
-    [
-        (),
-        (Plane(offset=-0.08),),
-        (Box((1.0, 0.2, 0.1), (0.0, 0.0, -0.13)),),
-        (Sphere(0.3, (0.0, 0.05, -0.38)),),
-        (Cylinder(0.2, 1.0, (0.05, 0.0, -0.27), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))),),
-        (Capsule(0.1, 0.2, (0.0, 0.05, -0.27)),),
-    ],
-)
-def test_contact_energy_is_what_the_force_works_against(environment):
-    other = [RigidBody("b", BALL.scaled(0.6), 1.0)] if not environment else []
-    scene = Scene(
-        [RigidBody("a", BALL, 2.0), *other],
-        dt=1e-9,
-        stiffness=1e6,
-        gravity=(0.0, 0.0, 0.0),
-        environment=environment,
-    )
-    state = states((0.0, 0.0, 0.0), (0.02, 0.05, 0.09))[: len(scene.bodies)]
-    after = state[None].copy()
-    simulate(after, scene.world, 1)
-    force = 2.0 * after[0, 0, 3:6] / scene.dt
-    assert np.linalg.norm(force) > 1.0
-    for axis in range(3):
-        shifted = [state.copy(), state.copy()]
-        for sign, some in zip((-1.0, 1.0), shifted, strict=True):
-            some[0, axis] += sign * 1e-6
-        slope = (contact_energy(scene, shifted[1]) - contact_energy(scene, shifted[0])) / 2e-6
-        assert -slope == pytest.approx(force[axis], abs=1e-6 * np.linalg.norm(force)), "central difference"
 
 
 def test_passing_through_is_told_from_bouncing():

@@ -2,10 +2,8 @@
 
 import dataclasses
 import json
-import re
 
 import numpy as np
-import pytest
 import yaml
 from example_scenes import CONTENTS
 
@@ -48,31 +46,13 @@ def test_others_are_drawn_from_the_gaussian_with_the_seed(loaded):
     np.testing.assert_array_equal(prediction.samples(10), drawn)
 
 
-# -- the command -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "arguments, code, words",
-    [
-        (["--json", "--samples-out", "3"], None, ""),
-        (["--samples-out", "3"], "INVALID_OPTION", "--samples-out needs --json"),
-        (["--json", "--samples-out", "0"], "INVALID_REQUEST", "--samples-out must be at least 1"),
-        (
-            ["--json", "--samples-out", "9", "--propagator", "monte_carlo", "--samples", "4"],
-            "LIMIT_EXCEEDED",
-            "--samples-out .* 4 samples",
-        ),
-    ],
-)
-def test_the_command_adds_samples_or_says_why_not(tmp_path, capsys, loaded, arguments, code, words):
+def test_the_command_adds_samples(tmp_path, capsys, loaded):
     path = tmp_path / "scene.yaml"
     path.write_text(yaml.safe_dump(CONTENTS["three_bodies"]()))
-    command = ["predict", str(path), "--horizon", str(HORIZON), "--propagator", "sigma_points", *arguments]
-    status = main(command)
-    out, err = capsys.readouterr()
-    if code is None:
-        expected = predicted(loaded).samples(3)
-        for k, body in enumerate(json.loads(out)["bodies"]):
-            np.testing.assert_array_equal(body["samples"], expected[:, k])
-    else:
-        assert status == ErrorCode[code] and out == "" and err.count("\n") == 1 and re.search(words, err), err
+    command = ["predict", str(path), "--horizon", str(HORIZON), "--propagator", "sigma_points"]
+    assert main([*command, "--json", "--samples-out", "3"]) == 0
+    expected = predicted(loaded).samples(3)
+    for k, body in enumerate(json.loads(capsys.readouterr().out)["bodies"]):
+        np.testing.assert_array_equal(body["samples"], expected[:, k])
+    assert main([*command, "--samples-out", "3"]) == ErrorCode.INVALID_OPTION
+    assert "--samples-out needs --json" in capsys.readouterr().err

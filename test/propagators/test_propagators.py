@@ -210,34 +210,3 @@ def test_only_fixed_bodies(loaded, propagator):
 
 
 # -- against finite differences of the whole rollout -----------------------------------------------
-
-
-def test_sigma_points_approach_the_derivative_of_the_rollout(loaded):
-    """As P0 shrinks by s^2, their covariance over s^2 nears F P0 F^T; measured: the error falls with s."""
-    scene, belief, _ = loaded("undamped")
-    steps, h = 75, 1e-6
-
-    def flow(x):
-        from unc_physics.dynamics.rollout import simulate
-
-        x = np.array(x)
-        simulate(x, scene.world, steps)
-        return x
-
-    d = np.concatenate([h * np.eye(24), -h * np.eye(24)]).reshape(48, 2, 12)
-    ends = flow(twin.boxplus(np.repeat(belief.mean[None], 48, axis=0), d))
-    F = twin.boxminus(ends[:24], ends[24:]).reshape(24, 24).T / (2 * h)
-    assert np.linalg.norm(ends[0, 0, 3:6] - belief.mean[0, 3:6]) > 0.1, "no collision"
-
-    exact = F @ belief.joint @ F.T
-    scales = np.array([0.1, 0.03, 0.01])
-    errors = []
-    for s in scales:
-        after = advanced(
-            make_propagator("sigma_points"), scene, Belief(belief.mean, s**2 * belief.blocks), steps
-        )
-        errors.append(np.abs(after.joint / s**2 - exact).max() / np.abs(exact).max())
-    slope = np.polyfit(np.log(scales), np.log(errors), 1)[0]
-    # symmetric points cancel the terms of odd order where the flow is smooth; contacts that begin leave s
-    assert 0.9 < slope < 2.3, (slope, errors)
-    assert errors[-1] < 0.05

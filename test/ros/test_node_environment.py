@@ -1,11 +1,9 @@
 """The environment of the node, which scenes without elements have, and what detections stand on."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Pose, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess
@@ -15,7 +13,6 @@ from std_msgs.msg import Header
 
 from unc_physics.checks.errors import ErrorCode, InvalidEnvironmentError
 from unc_physics.ros.detected import settle_detected
-from unc_physics.ros.messages.planning_scene import PlanningWorld
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
@@ -188,60 +185,6 @@ def test_a_file_of_an_environment(tmp_path):
     path.write_text("bodies: []\n")
     with pytest.raises(InvalidEnvironmentError, match="key 'environment'"):
         environment.load(str(path))
-
-
-def collision_object(name, operation=0, size=(1.0, 1.0, 0.1), z=0.0, frame="world"):
-    """A moveit_msgs/CollisionObject, which is not on PyPI: a box."""
-    pose = Pose()
-    pose.position.z = z
-    found = {plural: [] for plural in ("primitives", "meshes", "planes")}
-    found |= {f"{single}_poses": [] for single in ("primitive", "mesh", "plane")}
-    if operation in (0, 2):
-        found["primitives"] = [SolidPrimitive(type=SolidPrimitive.BOX, dimensions=size)]
-        found["primitive_poses"] = [Pose()]
-    return SimpleNamespace(id=name, operation=operation, header=Header(frame_id=frame), pose=pose, **found)
-
-
-def planning_scene(*objects, is_diff=True, attached=()):
-    return SimpleNamespace(
-        is_diff=is_diff,
-        fixed_frame_transforms=[],
-        world=SimpleNamespace(collision_objects=list(objects)),
-        robot_state=SimpleNamespace(
-            attached_collision_objects=[SimpleNamespace(object=own) for own in attached]
-        ),
-    )
-
-
-def test_differences_of_a_planning_scene():
-    add, remove, append, move = range(4)
-    world = PlanningWorld()
-
-    def elements():
-        def place(frame):
-            return ((0.0, 0.0, 1.0) if frame == "lifted" else (0.0, 0.0, 0.0)), (0.0, 0.0, 0.0, 1.0)
-
-        found, problems = world.elements(place)
-        assert not problems
-        return {element.id: element.pose.position.z for element in found}
-
-    world.update(planning_scene(collision_object("table"), collision_object("can", z=0.2), is_diff=False))
-    assert elements() == {"table": 0.0, "can": 0.2}
-    world.update(
-        planning_scene(collision_object("can", move, z=0.3), collision_object("wall", frame="lifted"))
-    )
-    assert elements() == {"table": 0.0, "can": 0.3, "wall": 1.0}
-    world.update(planning_scene(attached=[collision_object("can")]))
-    assert elements() == {"table": 0.0, "wall": 1.0}
-    world.update(planning_scene(collision_object("table", append)))
-    assert elements() == {"table/0": 0.0, "table/1": 0.0, "wall": 1.0}
-    world.update(planning_scene(collision_object("table", remove)))
-    assert elements() == {"wall": 1.0}
-    world.update(planning_scene(collision_object("", remove)))
-    assert elements() == {}
-    world.update(planning_scene(collision_object("shelf", add)))
-    world.update(planning_scene(collision_object("table"), is_diff=False))
-    assert elements() == {"table": 0.0}
 
 
 def test_elements_of_the_planning_scene_join_those_of_users():

@@ -18,6 +18,7 @@ from std_msgs.msg import Header
 from unc_physics import load_model
 from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.ros import request_of_planning_scene
+from unc_physics.ros.messages.planning_scene import PlanningWorld
 from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
 from unc_physics_msgs.msg import Action, ObjectState
@@ -107,6 +108,50 @@ def planning_scene():
         AttachedCollisionObject(link_name="hand", object=held, weight=0.2)
     ]
     return scene
+
+
+def difference(*objects, attached=(), is_diff=True):
+    """A change of a planning scene, or a whole one."""
+    scene = PlanningScene()
+    scene.is_diff, scene.world.collision_objects = is_diff, list(objects)
+    held = [AttachedCollisionObject(object=own) for own in attached]
+    scene.robot_state.attached_collision_objects = held
+    return scene
+
+
+def block(name, operation=0, z=0.0, frame="world"):
+    """A box that is added (0), removed, appended or moved (3)."""
+    own = CollisionObject(header=Header(frame_id=frame), id=name, operation=bytes([operation]))
+    own.pose.position.z = z
+    if operation in (0, 2):
+        own.primitives, own.primitive_poses = [box(1.0, 1.0, 0.1)], [Pose()]
+    return own
+
+
+def test_differences_of_a_planning_scene():
+    add, remove, append, move = range(4)
+    world = PlanningWorld()
+
+    def place(frame):
+        return ((0.0, 0.0, 1.0) if frame == "lifted" else (0.0, 0.0, 0.0)), (0.0, 0.0, 0.0, 1.0)
+
+    for changed, expected in (
+        (difference(block("table"), block("can", z=0.2), is_diff=False), {"table": 0.0, "can": 0.2}),
+        (
+            difference(block("can", move, z=0.3), block("wall", frame="lifted")),
+            {"table": 0.0, "can": 0.3, "wall": 1.0},
+        ),
+        (difference(attached=[block("can")]), {"table": 0.0, "wall": 1.0}),
+        (difference(block("table", append)), {"table/0": 0.0, "table/1": 0.0, "wall": 1.0}),
+        (difference(block("table", remove)), {"wall": 1.0}),
+        (difference(block("", remove)), {}),
+        (difference(block("shelf", add)), {"shelf": 0.0}),
+        (difference(block("table"), is_diff=False), {"table": 0.0}),
+    ):
+        world.update(changed)
+        found, problems = world.elements(place)
+        assert not problems
+        assert {element.id: element.pose.position.z for element in found} == expected
 
 
 HAND = {"hand": pose(SHIFT, TURN)}

@@ -11,7 +11,6 @@ from pathlib import Path
 import numba
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
 from lifecycle_msgs.srv import GetState
 from rclpy.duration import Duration
@@ -20,7 +19,6 @@ from running import (
     ANSWER_TIMEOUT,
     READY_TIMEOUT,
     Client,
-    Inbox,
     NodeProcess,
     node_in_this_process,
     result_of,
@@ -215,32 +213,6 @@ def test_a_scene_ahead_of_its_transform_waits_and_holds_up_nobody():
         for one in waiting[1:]:
             error = result_of(one).result
             assert error.error_code == ErrorCode.UNKNOWN_FRAME and "within 3 s" in error.error_msg
-
-
-def test_the_status_of_a_users_updater_is_published_beside_the_nodes(client):
-    """It declares parameters on the node, and outlives services that end and begin."""
-    updater = pytest.importorskip("diagnostic_updater", reason="diagnostic_updater is not on PyPI")
-
-    def motor(status):
-        status.summary(DiagnosticStatus.OK, "turning")
-        status.add("speed", "3")
-        return status
-
-    with (
-        Inbox(client, DiagnosticArray, "/diagnostics") as inbox,
-        node_in_this_process("watched", warm_up=[""]) as node,
-    ):
-        own = updater.Updater(node, 0.1)
-        own.setHardwareID("arm")
-        own.add("motor", motor)
-        for _ in range(2):
-            node.server.close()
-            node.server.open()
-        status, _ = inbox.status("watched: motor", lambda values: "speed" in values)
-        assert (status.hardware_id, status.message) == ("arm", "turning")
-        status, _ = inbox.status("watched: predictions")
-        assert (status.hardware_id, status.message) == ("none", "predicting")
-        assert_answered(client.predict(good_request(), node="watched"))
 
 
 @pytest.mark.parametrize(

@@ -331,10 +331,8 @@ def test_parameters_are_named_as_their_bodies_and_elements():
         (lambda t: t.predict(-1.0), "time"),
         (lambda t: t.belief(-1.0), "window"),
         (lambda t: t.ahead(-0.5), r"times\[0\].*-0\.5"),
-        (lambda t: t.ahead("soon"), "times"),
         (lambda t: t.remove("cup"), "cup"),
         (lambda t: t.correct(0.1, {"box0": RelativePoseMeasurement("box0", RESTING, NOISE)}), "another body"),
-        (lambda t: PoseMeasurement(RESTING, np.zeros(6)), "positive"),
         (lambda t: PoseMeasurement(RESTING, -NOISE), "negative"),
         (lambda t: PoseMeasurement(RESTING, NOISE, origin="corner"), "origin"),
         (lambda t: ContactNoise(velocity=-1.0), "velocity"),
@@ -342,12 +340,7 @@ def test_parameters_are_named_as_their_bodies_and_elements():
         (lambda t: Tracker(t.scene, t.belief(), symmetries={"cup": [[0, 0, 0, 1]]}), "cup"),
         *[
             (call, words)
-            for given, got in (
-                ("x", "'x'"),
-                (1.0, "1.0"),
-                ([0, 0, 0, 1], r"\[0, 0, 0, 1\]"),
-                ([["a"] * 4], "a"),
-            )
+            for given, got in (("x", "'x'"), ([0, 0, 0, 1], r"\[0, 0, 0, 1\]"))
             for call, words in (
                 (
                     lambda t, given=given: Tracker(t.scene, t.belief(), symmetries={"box0": given}),
