@@ -1,4 +1,4 @@
-"""Distances of pieces beside those of the library coal, and the time of a pair's contacts."""
+"""Distances of pieces beside those of the library coal or of a minimisation, and the time of contacts."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import time
 from importlib.util import find_spec
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from unc_physics.compiler import kernel
@@ -14,13 +15,15 @@ from unc_physics.compiler.arrays import empty
 from unc_physics.shapes.columns import CONTACT, FRAME, POLYGON
 from unc_physics.shapes.distance import DIRECTIONS, distance_of_bodies
 from unc_physics.shapes.manifold import contacts_of_pieces
-from unc_physics.shapes.pieces import Hull, ball, box, capsule, cylinder, frustum, piece_arrays
+from unc_physics.shapes.pieces import Hull, Lathe, ball, box, capsule, cylinder, frustum, piece_arrays
 
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results
 
 TITLE = "Distances"
 KINDS = "ball", "box", "capsule", "cylinder", "cone", "hull"
+#: Kinds that coal does not have: their distances are found by a minimisation over directions.
+OTHERS = "lathe", "sector"
 #: Pairs whose contacts are timed: upper and lower piece, both 10 cm high.
 TIMED = {
     "box on box": ("box", "box"),
@@ -30,6 +33,7 @@ TIMED = {
 APART, OVERLAP, WRONG_SIGN = "error apart", "error of depths to 5 mm", "wrong sign"
 _DEEPEST = 5e-3  # depth to which errors are agreed [m]
 _SURE = 1e-6  # distance beyond which a sign counts [m]
+_STARTS = 4  # of the minimisation
 _GAPS = 0.05, 1e-2, 1e-3, 1e-4, 1e-6, 0.0, -1e-6, -1e-4, -1e-3, -4e-3
 
 
@@ -37,12 +41,12 @@ def jobs(settings: Settings) -> list[Job]:
     """Return a job for each pair of kinds, and one that measures times."""
     if not find_spec("coal"):
         return []
-    pairs = list(itertools.combinations_with_replacement(KINDS, 2))
-    count = 200 if settings.quick else 100_000 // len(pairs) + 1
-    compared = [
-        Job("distances", settings.parameters(first=a, second=b, pairs=count), cost=1e-3 * count)
-        for a, b in pairs
-    ]
+    compared = []
+    for a, b in _pairs():
+        judged_by_coal = b not in OTHERS
+        count = (200 if settings.quick else 4762) if judged_by_coal else (10 if settings.quick else 300)
+        cost = (3e-3 if judged_by_coal else 0.1) * count
+        compared.append(Job("distances", settings.parameters(first=a, second=b, pairs=count), cost=cost))
     timed = [
         Job("distances", settings.parameters(first=lower, second=upper, pairs=0), alone=True)
         for upper, lower in TIMED.values()
@@ -78,7 +82,10 @@ def run(job: Job) -> Outcome:
             frames[1, :3] = along * direction
             gap, found = distance_of_bodies(frames, arrays.pieces, arrays.rows, arrays.first, DIRECTIONS)
             along -= (gap - wanted) / max(float(found[0] @ direction), 0.3)
-        expected = coal_distance(coal_a, coal_b, frames)
+        if coal_a and coal_b:
+            expected = coal_distance(coal_a, coal_b, frames)
+        else:
+            expected = minimised_distance(own_a, own_b, frames)
         error = abs(gap - expected)
         if max(gap, expected) > 0.0:
             apart = max(apart, error)
@@ -98,7 +105,7 @@ def report(results: Results) -> str:
     """Return tables of the largest errors and of times."""
     lines, compared = [], results.rows("distances")
     rows = compared.where(pairs=0)
-    for a, b in itertools.combinations_with_replacement(KINDS, 2):
+    for a, b in _pairs():
         found = compared.where(first=a, second=b).where(quantity=APART)
         if found:
             both = compared.where(first=a, second=b)
@@ -114,6 +121,60 @@ def report(results: Results) -> str:
             lines.append([name, f"{own:.2f}", f"{other:.2f}", f"{own / other:.2f}"])
     head = ["pair", "contacts [us]", "distance by coal, from Python [us]", "ratio"]
     return text + "\n" + results.table("distance_times", head, lines)
+
+
+def _pairs():
+    """Return all pairs of kinds; the second one is the kind that coal does not have."""
+    return list(itertools.combinations_with_replacement((*KINDS, *OTHERS), 2))
+
+
+def minimised_distance(a, b, frames) -> float:
+    """Return the signed distance of two pieces at frames (2, 12): the widest gap along any direction [m]."""
+
+    def gap(n):
+        return -_reach(b, frames[1], -n) - _reach(a, frames[0], n)
+
+    values = gap(DIRECTIONS)
+    best = -np.inf
+    for start in np.argsort(values)[-_STARTS:]:
+        n = DIRECTIONS[start]
+        for size in (0.1, 1e-2, 1e-4):  # a new simplex each time, as one of a ridge collapses
+            u = np.cross(n, np.eye(3)[np.abs(n).argmin()])
+            across = np.array([u, np.cross(n, u)])
+
+            def turned(x, n=n, across=across):
+                e = n + x @ across
+                return e / np.linalg.norm(e)
+
+            found = minimize(
+                lambda x, turned=turned: -gap(turned(x)[None])[0],
+                np.zeros(2),
+                method="Nelder-Mead",
+                options={
+                    "initial_simplex": size * np.array([[0.0, 0.0], [1.0, 0.0], [0.3, 1.0]]),
+                    "xatol": 1e-11,
+                    "fatol": 1e-14,
+                    "maxfev": 400,
+                },
+            )
+            n = turned(found.x)
+        best = max(best, -float(found.fun))
+    return best
+
+
+def _reach(piece, frame, n):
+    """Return how far a piece reaches along unit vectors (k, 3), from the world's origin [m]."""
+    b = n @ frame[3:].reshape(3, 3)
+    if isinstance(piece, Hull):
+        core = (b @ piece.points.T).max(axis=1)
+    else:
+        d = b @ piece.axes
+        azimuth = np.arctan2(d[:, 1], d[:, 0]) - piece.azimuth
+        away = np.abs((azimuth + np.pi) % (2.0 * np.pi) - np.pi)
+        s = np.hypot(d[:, 0], d[:, 1]) * np.cos(np.maximum(away - piece.half_angle, 0.0))
+        core = (s[:, None] * piece.profile[:, 0] + d[:, 2:] * piece.profile[:, 1]).max(axis=1)
+        core += b @ piece.origin
+    return core + piece.rounding + n @ frame[:3]
 
 
 def coal_distance(a, b, frames) -> float:
@@ -135,10 +196,19 @@ def _rotation(rng):
 
 
 def _shape(kind, rng):
-    """Return a piece of a kind, 2 to 12 cm large, and the same shape of coal."""
+    """Return a piece of a kind, 2 to 12 cm large, and the same shape of coal; None if it has no such kind."""
     import coal
 
     a, b, c = rng.uniform(0.02, 0.12, 3)
+    if kind in OTHERS:
+        height = np.sort(rng.uniform(0.0, b, 4))
+        radius = 0.5 * a * np.sqrt(1.0 - ((height - 0.5 * b) / b) ** 2)  # on an ellipse, thus convex
+        if kind == "lathe":
+            profile = np.column_stack([radius, height])
+            return Lathe(profile, rng.choice([0.0, 0.004]), rng.normal(0.0, 0.01, 3), _rotation(rng)), None
+        inner, half = rng.uniform(0.2, 0.8), rng.uniform(0.1, 1.5)
+        profile = [[inner * a, 0.0], [a, 0.0], [a, b], [inner * a, b]]
+        return Lathe(profile, azimuth=rng.uniform(0.0, 6.0), half_angle=half), None
     if kind == "hull":
         points = rng.normal(0.0, 0.04, (20, 3))
         corners = coal.StdVec_Vec3s()
