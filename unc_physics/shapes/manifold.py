@@ -45,9 +45,11 @@ from .support import face, gap_along, get, matrix_times, put, support, transpose
 #: needs about 24.
 MOST_OF_PIECES, MOST_OF_BODIES = 8, 32
 _OCTAGON, _MOST_OF_DISC = 8, 4  # corners of a disc, and of those that are kept: they lie where the load is
+_FLAT = 1e-12  # 1 - cosine up to which two faces are parallel: .1 um over .1 m
 _LEVEL = 1e-9  # difference of cosines of two faces from which on one is flatter
 _ACROSS = 1e-12  # squared cosine up to which a load moves across a normal
-_TIE = 1e-12  # difference that does not count [m]
+_TIE = 1e-12  # difference that does not count [m, or m^2]
+_KEPT = -1.0  # marks a contact that is kept
 _FLAT_ON_FACE = 1e-7  # 1 - cosine up to which the normal is that of the face
 _OBLIQUE = 0.5  # cosine below which a surface does not face along the normal
 _PARALLEL = 4e-4  # squared sine up to which two segments are parallel (1.1 degrees)
@@ -103,48 +105,50 @@ def reduce(out, first, last, most, lean, load):
     """
     if last - first <= most:
         return last
-    n, p = triple(out[first], NORMAL), triple(out[first], POINT)
+    n = triple(out[first], NORMAL)
     along = minus(lean, times(dot(lean, n), n))
-    length = math.sqrt(dot(along, along))
+    length = dot(along, along)
     best, found = -math.inf, first
     for k in range(first, last):
         out[k, FARNESS] = math.inf
         # ties of symmetric outlines go to the first row, not to round-off
         if -out[k, GAP] > best + _TIE:
             best, found = -out[k, GAP], k
-    _swap(out, first, found)
-    for c in range(first + 1, first + most):
-        p, n = triple(out[c - 1], POINT), triple(out[c - 1], NORMAL)
-        best, found = -math.inf, c
-        for k in range(c, last):
-            d, e = minus(triple(out[k], POINT), p), minus(triple(out[k], NORMAL), n)
-            out[k, FARNESS] = min(out[k, FARNESS], dot(d, d) + _TURN * dot(e, e))
-            # a wide gap counts against a place
-            value = out[k, FARNESS] - 1e-2 * max(out[k, GAP], 0.0) * math.sqrt(out[k, FARNESS])
-            if value > best * (1.0 + 1e-4) + _TIE:
-                best, found = value, k
-        if c == first + 1 and length > 0.0:
-            best = -math.inf
+    out[found, FARNESS] = _KEPT
+    for c in range(1, most):
+        p, n = triple(out[found], POINT), triple(out[found], NORMAL)
+        best, leaves = -math.inf, found
+        if c == 1 and length > 0.0:
             for k in range(first, last):
                 d = minus(triple(out[k], POINT), load)
-                t = dot(d, along) / length
-                d = minus(d, times(t / length, along))
-                d = minus(d, times(dot(d, n), n))
-                value = t - math.sqrt(dot(d, d))
+                t = dot(d, along)
+                h = dot(d, n)
+                # far along the load's way, and near to it
+                value = t * (t + abs(t)) / length + h * h - dot(d, d)
                 if value > best + _TIE:
                     best, leaves = value, k
-            if leaves > first:
-                found = leaves
-        _swap(out, c, found)
-    return first + most
-
-
-@inner
-def _swap(out, c, k):
-    """Exchange two contacts."""
-    if c != k:
-        for j in range(CONTACT):
-            out[c, j], out[k, j] = out[k, j], out[c, j]
+        found = leaves
+        best = -math.inf
+        for k in range(first, last):
+            if out[k, FARNESS] == _KEPT:
+                continue
+            d, e = minus(triple(out[k], POINT), p), minus(triple(out[k], NORMAL), n)
+            out[k, FARNESS] = min(out[k, FARNESS], dot(d, d) + _TURN * dot(e, e))
+            gap = max(out[k, GAP], 0.0)  # a wide one counts against a place
+            value = out[k, FARNESS] - gap * gap
+            if value > best * (1.0 + 1e-4) + _TIE:
+                best, farthest = value, k
+        if out[found, FARNESS] == _KEPT:
+            found = farthest
+        out[found, FARNESS] = _KEPT
+    end = first
+    for k in range(first, last):
+        if out[k, FARNESS] == _KEPT:
+            if k != end:
+                for j in range(CONTACT):
+                    out[end, j] = out[k, j]
+            end += 1
+    return end
 
 
 @inner
@@ -273,9 +277,10 @@ def manifold_of_pieces(a, b, n, follow, far, lean, base, frames, pieces, rows, p
             write_contact(out, end, minus(p, times(side * 0.5 * gap, n)), gap, n, a, b, whose)
             least = min(least, gap)
             end += 1
-    if follow:  # the piece on the face must not reach below its corners there
-        if end == first:
-            return 0, least, n
+    if follow and end == first:
+        return 0, least, n
+    if follow and dot(normal_a, normal_b) > _FLAT - 1.0:
+        # the piece on the face must not reach below its corners there; a parallel face does not
         q = support(top, times(-1.0, normal), base, frames, pieces, rows)
         if least > dot(normal, minus(q, o)) - pieces[top, ROUNDING] + 1e-6:
             return 0, least, n
