@@ -257,6 +257,7 @@ CASES = [
         r"environment\[0\].restitution_std",
     ),
     (around({"plane": {}, "name": "left"}), "DUPLICATE_ID", r"environment\[0\].name.*left"),
+    (with_body(linear_velocity=[1e308, 0, 0]), "DIVERGED", "diverged"),
     ([], "INVALID_REQUEST", r"scene.*\[\]"),
     ("text", "INVALID_REQUEST", "scene.*text"),
     (None, "INVALID_REQUEST", "scene"),
@@ -294,38 +295,78 @@ def test_the_command_says_so_and_ends_with_the_code(tmp_path, capsys, content, c
     assert_refused(code, *capsys.readouterr(), codes, words)
 
 
-TEXTS = {
-    "binary": bytes(range(256)),
-    "zip": b"PK\x03\x04" + bytes(100),
-    "utf16": "dt: 0.01".encode("utf-16"),
-    "control": b"dt: \x01\n",
-    "python_tag": b"!!python/object/apply:os.system ['true']",
-    "unhashable_key": b"{[1, 2]: 3}",
-    "recursive_key": b"&a {bodies: *a}",
-    "empty": b"",
-    "huge_hex_integer": b"bodies: [{name: a, model: pin, mass: 0x" + b"f" * 6000 + b"}]",
-    "huge_key": b"? " + b"k" * 5000 + b"\n: 1\n",
-    "newline_in_key": b'"a\\nb": 1\nbodies: []\n',
-    "bytes_value": b"bodies: [{name: a, model: pin, mass: !!binary aGVsbG8=}]",
-    "set_value": b"bodies: !!set {a, b}",
-    "date_value": b"bodies: [{name: a, model: pin, mass: 2001-01-01}]",
-}
+def nested_aliases(levels=12):
+    """Lists of ten of the list before, by aliases: a few hundred bytes."""
+    lines = ["a: &l0 [x, x, x, x, x, x, x, x, x, x]"]
+    for k in range(levels):
+        lines.append(f"k{k}: &l{k + 1} [{', '.join([f'*l{k}'] * 10)}]")
+    return "\n".join(lines)
 
 
-@pytest.mark.parametrize("name", TEXTS)
-def test_bad_text(tmp_path, capsys, name):
+def nested_merges(levels=9):
+    """Mappings that merge the one before nine times."""
+    lines = ["a: &m0 {k: 1}"]
+    for k in range(levels):
+        lines.append(f"x{k}: &m{k + 1} {{<<: [{', '.join([f'*m{k}'] * 9)}]}}")
+    return "\n".join(lines)
+
+
+TEXTS = [
+    (bytes(range(256)), ""),
+    (b"PK\x03\x04" + bytes(100), ""),
+    ("dt: 0.01".encode("utf-16"), ""),
+    ("dt: \x01\n", ""),
+    ("!!python/object/apply:os.system ['true']", ""),
+    ("{[1, 2]: 3}", ""),
+    ("&a {bodies: *a}", ""),
+    ("", "scene must be a mapping"),
+    ("bodies: [{name: a, model: pin, mass: 0x" + "f" * 6000 + "}]", "mass"),
+    ("? " + "k" * 5000 + "\n: 1\n", "scene has no key 'kkk"),
+    ('"a\\nb": 1\nbodies: []\n', "scene has no key"),
+    ("bodies: [{name: a, model: pin, mass: !!binary aGVsbG8=}]", "mass"),
+    ("bodies: !!set {a, b}", "bodies must be a list"),
+    ("bodies: !!set [{a: 1}]", "line 1: expected a mapping node"),
+    ("bodies: !!omap {a: 1}", "line 1: expected a sequence"),
+    (
+        "bodies:\n  - name: a\n    mass: 1\n    name: b\n",
+        "line 4: the key 'name' is given twice, first in line 2",
+    ),
+    (nested_aliases(), "line 6: it has more than 300000 entries, those of aliases counted"),
+    (nested_merges(), "it has more than 300000 entries, those of aliases counted"),
+    ("bodies: [" + "{}," * 300_000 + "]", "it has more than 300000 entries"),
+    ("bodies: " + "[" * 100_000, "line 1: it is nested more than 50 levels deep"),
+    ("bodies: " + "[" * 60 + "]" * 60, "line 1: it is nested more than 50 levels deep"),
+    ("bodies:\n  - {name: a, model: pin, mass: 1:30}", "line 2: 1:30 is a number of base 60"),
+    ("horizon: 1:30.5\nbodies: []", "line 1: 1:30.5 is a number of base 60"),
+    ("horizon: 010\nbodies: []", "line 1: 010 is a number of base 8"),
+    ("horizon: 2020-13-45", "line 1: '2020-13-45' has a value that cannot be read"),
+    ("horizon: 9" + "9" * 5000, "line 1: '9999.* has a value that cannot be read"),
+    *(
+        (f"horizon: !!{kind} x", "line 1: 'x' has a value that cannot")
+        for kind in ("timestamp", "float", "bool")
+    ),
+    ("horizon: !!int [1]", "line 1: int has a value that cannot be read"),
+    ("horizon: 1\n---\nhorizon: 1", "expected a single document in the stream, but found another"),
+    ("horizon: *a", "line 1: found undefined alias 'a'"),
+    ("bodies: &a [*a]", r"bodies\[0\]"),
+    ("a: 1\nb: [1, 2\nc: 3\n", r"in line 3: .*the fault may stand above, where the \[ of line 2"),
+    ("a: {b: 1\nc: 3\n", r"in line 2: .*where the \{ of line 1 is not closed"),
+    ("a: 'b\nc: 1\n", r"where the quote of line 1 is not closed"),
+    ("a:\n  - b\n - c\n", r"in line 3: .*where line 1 begins what goes on here"),
+    ("a:\n\t- 1\n", r"in line 2: it has a tab; indent with spaces"),
+    ("a: b: c\n", r"in line 1: there is a ':' where none can be$"),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), TEXTS, ids=range(len(TEXTS)))
+def test_a_text_that_is_no_scene_is_refused(tmp_path, capsys, text, words):
+    """At once, also where reading would take minutes and all memory."""
     path = tmp_path / "scene.yaml"
-    path.write_bytes(TEXTS[name])
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     code = main(["predict", str(path)])
-    assert_refused(code, *capsys.readouterr(), "INVALID_REQUEST|NO_OBJECTS|INVALID_MASS|INVALID_HORIZON")
-
-
-def test_a_repeated_key_is_found_by_its_line(tmp_path, capsys):
-    path = tmp_path / "scene.yaml"
-    path.write_text("dt: 0.01\nhorizon: 1.0\nbodies:\n  - name: a\n    mass: 1\n    name: b\n")
-    code = main(["predict", str(path)])
-    words = "in line 6: the key 'name' is given twice, first in line 4"
-    assert_refused(code, *capsys.readouterr(), "INVALID_REQUEST", words)
+    assert_refused(
+        code, *capsys.readouterr(), "INVALID_REQUEST|NO_OBJECTS|INVALID_MASS|INVALID_HORIZON", words
+    )
 
 
 def test_no_such_file_and_a_folder(tmp_path, capsys):
@@ -433,7 +474,6 @@ def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
     "options, codes, words",
     [
         ("--propagator kalman", "UNKNOWN_PROPAGATOR", "propagator.*kalman"),
-        ("--propagator ''", "UNKNOWN_PROPAGATOR", "propagator"),
         ("--option points=many", "INVALID_OPTION", "points.*many"),
         ("--option colour=red", "INVALID_OPTION", "colour.*red"),
         ("--option name=x", "INVALID_OPTION", "name is no option of auto; its options are"),
@@ -443,22 +483,15 @@ def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
             "--option is given twice.*'points'",
         ),
         ("--propagator monte_carlo --samples 0", "INVALID_OPTION", "samples.*0"),
-        ("--propagator monte_carlo --samples -3", "INVALID_OPTION", "samples.*-3"),
-        ("--propagator monte_carlo --option samples=many", "INVALID_OPTION", "samples.*many"),
-        (
-            "--propagator monte_carlo --samples 5 --option samples=7",
-            "INVALID_OPTION",
-            "samples is given twice",
-        ),
+        ("--propagator cloud --samples 5 --option samples=7", "INVALID_OPTION", "samples is given twice"),
         ("--propagator monte_carlo --seed 5 --option seed=7", "INVALID_OPTION", "seed is given twice"),
         ("--propagator monte_carlo --samples 1000000000000", "LIMIT_EXCEEDED", "samples.*1000000000000"),
         (
             "--propagator sigma_points --samples 5",
             "INVALID_OPTION",
-            "--samples is for a propagator that draws samples, .*monte_carlo.*; sigma_points draws none",
+            "--samples is for a propagator that draws",
         ),
         ("--propagator monte_carlo --seed -1", "INVALID_OPTION", "seed.*-1"),
-        ("--propagator surrogate --option k_sigma=wide", "INVALID_OPTION", "k_sigma.*wide"),
         ("--samples-out 10000000000", "LIMIT_EXCEEDED", "--samples-out must be less: what is shown of them"),
         ("--samples-out 0", "INVALID_REQUEST", "--samples-out must be at least 1"),
         (
@@ -469,20 +502,14 @@ def test_the_good_model_of_these_tests_is_good(tmp_path, capsys):
         ("--status-rollouts 1", "INVALID_OPTION", "--status-rollouts must be 0, or at least 2 .got 1"),
         ("--propagator surrogate --status-rollouts 1000000000", "LIMIT_EXCEEDED", "must be at most 10000000"),
         ("--horizon 0", "INVALID_HORIZON", "horizon.*0"),
-        ("--horizon -1", "INVALID_HORIZON", "horizon.*-1"),
         ("--horizon nan", "NOT_FINITE", "horizon.*nan"),
         ("--horizon soon", "INVALID_HORIZON", "horizon.*soon"),
         ("--horizon 1e15", "LIMIT_EXCEEDED", "horizon.*1000000000000000"),
         ("--horizon 0.012", "INVALID_HORIZON", "horizon is no multiple of dt = 0.01 s, and the explicit"),
         ("--period 0", "INVALID_HORIZON", "period.*0"),
-        ("--period often", "INVALID_HORIZON", "period.*often"),
         ("--period 0.0034", "INVALID_HORIZON", "period is no multiple of dt = 0.01 s, and the explicit"),
         ("--period 1e-9", "LIMIT_EXCEEDED|INVALID_HORIZON", "period|times"),
-        (
-            "--models /no/such/folder",
-            "UNKNOWN_MODEL",
-            "model cannot be looked up: /no/such/folder is no folder",
-        ),
+        ("--models /no/such/folder", "UNKNOWN_MODEL", "cannot be looked up: /no/such/folder is no folder"),
     ],
 )
 def test_bad_options(tmp_path, capsys, options, codes, words):
@@ -492,87 +519,24 @@ def test_bad_options(tmp_path, capsys, options, codes, words):
     assert_refused(code, *capsys.readouterr(), codes, words)
 
 
-def test_what_argparse_refuses(tmp_path, capsys):
-    for arguments in (
-        ["predict"],
-        ["predict", "a.yaml", "--samples", "x"],
-        ["predict", "a.yaml", "--option", "points"],
-        ["fly"],
-        [],
-    ):
-        with pytest.raises(SystemExit) as caught:
-            main(arguments)
-        assert caught.value.code == 2
-        out, err = capsys.readouterr()
-        assert out == "" and len(err.splitlines()) == 1 and err.startswith("unc_physics")
-
-
-def nested_aliases(levels=12):
-    """Lists of ten of the list before, by aliases: a few hundred bytes."""
-    lines = ["a: &l0 [x, x, x, x, x, x, x, x, x, x]"]
-    for k in range(levels):
-        lines.append(f"k{k}: &l{k + 1} [{', '.join([f'*l{k}'] * 10)}]")
-    return "\n".join(lines)
-
-
-def nested_merges(levels=9):
-    """Mappings that merge the one before nine times."""
-    lines = ["a: &m0 {k: 1}"]
-    for k in range(levels):
-        lines.append(f"x{k}: &m{k + 1} {{<<: [{', '.join([f'*m{k}'] * 9)}]}}")
-    return "\n".join(lines)
-
-
 @pytest.mark.parametrize(
-    "text, words",
+    ("arguments", "words"),
     [
-        (nested_aliases(), "line 6: it has more than 300000 entries, those of aliases counted"),
-        (nested_merges(), "it has more than 300000 entries, those of aliases counted"),
-        ("bodies: " + "[" * 100_000, "line 1: it is nested more than 50 levels deep"),
-        ("bodies: " + "[" * 60 + "]" * 60, "line 1: it is nested more than 50 levels deep"),
-        ("bodies:\n  - {name: a, model: pin, mass: 1:30}", "line 2: 1:30 is a number of base 60"),
-        ("horizon: 1:30.5\nbodies: []", "line 1: 1:30.5 is a number of base 60"),
-        ("horizon: 010\nbodies: []", "line 1: 010 is a number of base 8"),
-        ("horizon: 2020-13-45", "line 1: '2020-13-45' has a value that cannot be read"),
-        ("horizon: 9" + "9" * 5000, "line 1: '9999.* has a value that cannot be read"),
-        ("horizon: 1\n---\nhorizon: 1", "expected a single document in the stream, but found another"),
-        ("horizon: *a", "line 1: found undefined alias 'a'"),
-        ("bodies: [" + "{}," * 300_000 + "]", "it has more than 300000 entries"),
-        ("bodies: !!set [{a: 1}]", "line 1: expected a mapping node"),
-        ("bodies: !!omap {a: 1}", "line 1: expected a sequence"),
-        ("horizon: !!int [1]", "line 1: int has a value that cannot be read"),
-        ("horizon: !!timestamp x", "line 1: 'x' has a value that cannot be read"),
-        ("horizon: !!float ''", "line 1: '' has a value that cannot be read"),
-        ("horizon: !!bool x", "line 1: 'x' has a value that cannot be read"),
-        ("bodies: &a [*a]", "bodies|recursive|scene"),
-    ],
-    ids=lambda value: value[:20],
-)
-def test_a_bomb_is_refused_at_once(tmp_path, capsys, text, words):
-    path = tmp_path / "bomb.yaml"
-    path.write_text(text)
-    assert main(["predict", str(path)]) != 0  # without a limit, minutes and all memory
-    (line,) = capsys.readouterr().err.splitlines()
-    assert re.search(words, line), line
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("a: 1\nb: [1, 2\nc: 3\n", r"in line 3: .*the fault may stand above, where the \[ of line 2"),
-        ("a: {b: 1\nc: 3\n", r"in line 2: .*where the \{ of line 1 is not closed"),
-        ("a: 'b\nc: 1\n", r"where the quote of line 1 is not closed"),
-        ("a:\n  - b\n - c\n", r"in line 3: .*where line 1 begins what goes on here"),
-        ("a:\n\t- 1\n", r"in line 2: it has a tab; indent with spaces"),
-        ("a: b: c\n", r"in line 1: there is a ':' where none can be$"),
+        ("predict", ""),
+        ("predict a.yaml --samples x", ""),
+        ("predict a.yaml --option points", ""),
+        ("fly", ""),
+        ("", ""),
+        ("show pin --levels 5", "was removed in version 0.3: "),
+        ("show pin --levels=5", "was removed in version 0.3: "),
     ],
 )
-def test_bad_yaml_is_told_with_what_is_not_closed(tmp_path, capsys, text, words):
-    path = tmp_path / "scene.yaml"
-    path.write_text(text)
-    assert main(["predict", str(path)]) == ErrorCode.INVALID_REQUEST
-    (line,) = capsys.readouterr().err.splitlines()
-    assert re.search(words, line), line
+def test_what_argparse_refuses(capsys, arguments, words):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments.split())
+    out, err = capsys.readouterr()
+    assert (caught.value.code, out) == (2, "")
+    assert len(err.splitlines()) == 1 and err.startswith("unc_physics") and words in err
 
 
 def test_a_scene_file_without_an_end(capsys):
@@ -596,13 +560,6 @@ def test_numbers_of_json_are_numbers_and_texts_in_quotes_are_none(tmp_path, text
             load_scene(path)
     else:
         assert load_scene(path).scene.damping == value
-
-
-def test_a_simulation_that_diverges(tmp_path, capsys):
-    path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(with_body(linear_velocity=[1e308, 0, 0])))
-    code = main(["predict", str(path), "--json"])
-    assert_refused(code, *capsys.readouterr(), "DIVERGED", "diverged")
 
 
 def test_a_real_process_exits_with_the_code(tmp_path):
@@ -651,10 +608,3 @@ def test_a_damaged_model_file_loads_or_is_refused(tmp_path, seed):
     except UncPhysicsError:
         return
     assert np.isfinite(model.centers).all() and (model.radii > 0).all()
-
-
-@pytest.mark.parametrize("options", ["show pin --levels 5", "show pin --levels=5"])
-def test_an_option_of_an_earlier_version_is_refused(capsys, options):
-    with pytest.raises(SystemExit) as ended:
-        main(options.split())
-    assert ended.value.code == 2 and "was removed in version 0.3: " in capsys.readouterr().err

@@ -150,14 +150,3 @@ def test_the_schema_knows_all_that_physics_may_say(tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert not problems("prediction", result)
     assert set(result["physics"]) == set(schema("prediction")["$defs"]["physics"]["properties"])
-
-
-def test_little_is_known_from_few_samples(tmp_path, capsys):
-    path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(two_bodies()))
-    arguments = ["predict", str(path), "--json", "--probabilities", "--propagator", "monte_carlo"]
-    assert main([*arguments, "--samples", "3"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert not problems("prediction", result)
-    for found in result["probabilities"]:
-        assert found["rollouts"] == 3 and found["high"] - found["low"] > 0.5
