@@ -107,7 +107,7 @@ def reduce(out, first, last, most, lean, load):
         return last
     n = triple(out[first], NORMAL)
     along = minus(lean, times(dot(lean, n), n))
-    length = dot(along, along)
+    length = math.sqrt(dot(along, along))
     best, found = -math.inf, first
     for k in range(first, last):
         out[k, FARNESS] = math.inf
@@ -121,10 +121,8 @@ def reduce(out, first, last, most, lean, load):
         if c == 1 and length > 0.0:
             for k in range(first, last):
                 d = minus(triple(out[k], POINT), load)
-                t = dot(d, along)
-                h = dot(d, n)
-                # far along the load's way, and near to it
-                value = t * (t + abs(t)) / length + h * h - dot(d, d)
+                t, h = dot(d, along) / length, dot(d, n)
+                value = t - math.sqrt(max(dot(d, d) - h * h - t * t, 0.0))  # far along its way, and near it
                 if value > best + _TIE:
                     best, leaves = value, k
         found = leaves
