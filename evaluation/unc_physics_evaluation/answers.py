@@ -78,21 +78,6 @@ class Counts(NamedTuple):
     good: int
     false: int
 
-    @property
-    def wrong_share(self) -> float:
-        """Share of wrong predictions among all bodies."""
-        return self.wrong / self.bodies if self.bodies else math.nan
-
-    @property
-    def silent_share(self) -> float:
-        """Share of silently wrong predictions among all bodies: no flag, no interval with the truth."""
-        return self.silent / self.bodies if self.bodies else math.nan
-
-    @property
-    def false_share(self) -> float:
-        """Share of falsely flagged predictions among the good ones."""
-        return self.false / self.good if self.good else math.nan
-
 
 def distance(predicted: Moments, truth: Moments) -> tuple[float, float]:
     """Return `Answer.factor` and `Answer.mean_error` of a body."""

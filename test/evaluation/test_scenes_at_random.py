@@ -54,8 +54,6 @@ def test_bodies_are_counted_by_their_limits():
     }
     found = count(Answer(*case) for case in cases.values())
     assert found == (8, 4, 2, 3, 1)
-    assert (found.wrong_share, found.silent_share) == (0.5, 0.25)
-    assert found.false_share == pytest.approx(1.0 / 3.0)
 
 
 @pytest.mark.parametrize("number", range(len(KINDS)))

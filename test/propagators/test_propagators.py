@@ -44,7 +44,7 @@ def test_what_others_ask_of_a_propagator_fits_together(loaded, propagator):
         assert propagator.directions(belief).shape == (2,)
         assert len(propagator.point_states(carry, scene)) == len(first)
     if isinstance(propagator, Rollouts):
-        parts = [propagator.select_rollouts(carry, slice(*part)) for part in ((0, 5), (5, len(first)))]
+        parts = [propagator.init_rollouts(scene, belief, *part) for part in ((0, 5), (5, len(first)))]
         assert_identical(propagator.concatenate(*parts), carry)
     described = propagator.described_options()
     assert [option.name for option in described] == list(propagator.options())

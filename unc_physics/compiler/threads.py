@@ -43,19 +43,6 @@ def watched(look):
         _watch.look = before
 
 
-@contextlib.contextmanager
-def single_thread():
-    """Run `in_threads` in this thread within the ``with`` block."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    look, _watch.look = _watch.look, None
-    try:
-        yield
-    finally:
-        _watch.look = look
-        numba.set_num_threads(before)
-
-
 def in_threads(count, run, first=_FIRST_PART, fewest=_FEWEST_IN_A_PART):
     """Call ``run(slice)`` for parts of ``range(count)``, with the number of threads set in numba.
 

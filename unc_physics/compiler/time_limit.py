@@ -62,16 +62,6 @@ def time_limit():
         _here.limit = before
 
 
-@contextlib.contextmanager
-def under_limit(limit):
-    """Apply another thread's `TimeLimit`, or none, to this thread's kernels in the ``with`` block."""
-    before, _here.limit = limit_here(), limit
-    try:
-        yield
-    finally:
-        _here.limit = before
-
-
 def limit_here():
     """Return the `TimeLimit` of this thread, or None."""
     return getattr(_here, "limit", None)

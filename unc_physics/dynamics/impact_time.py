@@ -138,17 +138,12 @@ def _time_of_impact(c, gap, speed, share, threshold, world, work):
 
 
 @inner(error_model="numpy", forceinline=True)
-def time_to_close(row, speed, threshold):
+def time_after(row, gap, speed, threshold):
     """Return the time until an open contact closes faster than a threshold; infinite if never.
 
-    The gap is a parabola in time, from gravity and the centripetal acceleration of the sphere's centre.
+    It had this ``gap`` [m] at this speed. The gap is a parabola in time, from gravity and the centripetal
+    acceleration of the sphere's centre.
     """
-    return time_after(row, row[GAP], speed, threshold)
-
-
-@inner(error_model="numpy", forceinline=True)
-def time_after(row, gap, speed, threshold):
-    """Return `time_to_close` for a contact that had this ``gap`` [m] at this speed."""
     way = gap - _AIM
     square = speed * speed - 2.0 * row[FALL] * way
     if way <= 0.0 or square <= threshold * threshold:

@@ -196,14 +196,6 @@ class Rollouts(ABC):
     def init_rollouts(self, scene: Scene, belief: Belief, first: int, last: int) -> Any:
         """Return the carry at time 0 of the rollouts from the ``first`` to before the ``last``."""
 
-    def select_rollouts(self, carry: Any, rollouts: slice) -> Any:
-        """Return the carry of some of its rollouts; it may share arrays."""
-        return carry._replace(
-            states=carry.states[rollouts],
-            parameters=carry.parameters[rollouts],
-            contact_history=histories.samples(carry.contact_history, rollouts),
-        )
-
     def concatenate(self, carry: Any, additional: Any) -> Any:
         """Return one carry of some rollouts and those that follow them, after equally many steps."""
         return carry._replace(

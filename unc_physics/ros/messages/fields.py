@@ -11,7 +11,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 
 from unc_physics_msgs.msg import Result
 
-from ...checks.errors import ErrorCode, InvalidRequestError, UncPhysicsError, error_of
+from ...checks.errors import ErrorCode, InvalidRequestError, UncPhysicsError
 from ...checks.shown import printable
 
 _NANOSECONDS = 1_000_000_000
@@ -157,8 +157,3 @@ def write_error(result: Result, error: Exception) -> None:
     else:
         result.error_code = int(ErrorCode.INTERNAL)
         result.error_msg = printable(f"a fault of the node: {type(error).__name__}: {error}")
-
-
-def read_error(result: Result) -> UncPhysicsError:
-    """Return the error of a result; a missing error means an empty answer, a fault of the node."""
-    return error_of(result.error_code or Result.INTERNAL, result.error_msg or "the answer is empty")
