@@ -31,9 +31,11 @@ def test_each_folder_is_under_the_rules_of_imports():
         return {module for module in contracts[name]["source_modules"] if module.count(".") == 1}
 
     kernels = layers[layers.index("checks") + 1 : layers.index("programs")]
-    # `shapes` has kernels beside what checks and makes pieces
-    assert sources("kernels know numpy and numba only") == {*kernels, "shapes"}
-    assert folders("kernels know numpy and numba only") == {f"unc_physics.{layer}" for layer in kernels}
+    # `physics` builds on the kernels of `shapes`, which has these beside what checks and makes pieces
+    assert sources("kernels know numpy and numba only") == {*kernels, "physics", "shapes"}
+    assert folders("kernels know numpy and numba only") == {
+        f"unc_physics.{layer}" for layer in [*kernels, "physics"]
+    }
     assert sources("internals of numba are behind the compiler's decorators") == set(layers)
 
 

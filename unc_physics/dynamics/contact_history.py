@@ -42,7 +42,8 @@ class ContactHistory(NamedTuple):
         Time of the first contact of bodies i < j, or of body i and element j - B of the environment [s].
         Infinite without contact. The resolution is one step: a contact has the time of the end of its step.
     solver : NamedTuple or None
-        Arrays of the implicit step, with N as the first axis; None for the explicit step.
+        Arrays of the implicit step, or of the one over exact shapes, with N as the first axis; None for the
+        explicit step.
     start : InitialAdjustment or None
         None for the explicit step.
     """
@@ -85,7 +86,7 @@ def with_keys(history, seed, first=0):
 
 def asleep(history, world):
     """Return which bodies sleep in each rollout: (N, B) bool."""
-    if history.solver is None or world.implicit.rest_steps == 0:
+    if history.solver is None or world.implicit is None or world.implicit.rest_steps == 0:
         return np.zeros(history.first_time.shape[:2], bool)
     return history.solver.rest_steps >= world.implicit.rest_steps
 

@@ -879,6 +879,6 @@ def contact_residual(evidence):
     the group's fastest contact. The largest of all steps, which one in twenty rollouts exceeds. With the
     implicit integrator.
     """
-    if evidence.scene.integrator == "explicit":
+    if evidence.scene.integrator != "implicit":
         return None
     return np.quantile(evidence.history.solver.residual, _USUAL, axis=0)

@@ -289,7 +289,7 @@ def _found(prediction):
     if prediction.points_history is not None:
         history = prediction.points_history
     kept = np.zeros(history.first_time.shape[1:])
-    if history.solver is not None and history.solver.kept_overlap.size:
+    if prediction.scene.integrator == "implicit" and history.solver.kept_overlap.size:
         kept = history.solver.kept_overlap.max(axis=0)
     return history.start, kept
 

@@ -19,6 +19,7 @@ from ..dynamics.implicit_step import rollout_of
 from ..dynamics.rollout import rollout
 from ..dynamics.workspace import workspace
 from ..dynamics.world import Bodies, World
+from ..propagators.monte_carlo import MonteCarlo
 from ..propagators.start import constrain_belief, draw, resolve_initial_overlap
 from ..scene.belief import Belief
 from ..scene.kinematic_states import start_states
@@ -45,9 +46,12 @@ def first_contacts(
 ) -> list[Flights]:
     """Simulate flights of samples of a belief at time 0 until their first contacts, up to each of the marks.
 
-    The marks ascend. In scenes in which a robot acts, samples do not stop at contacts.
+    The marks ascend. In scenes in which a robot acts, and in the step over exact shapes, samples do not stop
+    at contacts.
     """
     initial = constrain_belief(scene, initial)
+    if scene.integrator == "contact":
+        return _simulated(scene, initial, marks, samples, seed)
     states, history = resolve_initial_overlap(scene, initial, draw(scene, initial, samples, seed))
     z = draw_parameters(scene, samples, seed)
     if scene.acts:  # which first contacts do not decide
@@ -65,6 +69,17 @@ def first_contacts(
             _advance(own, contacts, ended, scene.with_short_step(done, mark.rest), z, done, 1)
         found.append(Flights(own, contacts.first_time, ended))
     return found
+
+
+def _simulated(scene, initial, marks, samples, seed):
+    """Return samples that are simulated beyond their first contacts, at each of the marks."""
+    propagator = MonteCarlo(samples=samples, seed=seed)
+    carries = propagator.advance_through(propagator.init(scene, initial), scene, marks)
+    known = np.full((samples, len(scene.bodies)), np.inf, np.float32)
+    return [
+        Flights(propagator.own_samples(carry, scene), carry.contact_history.first_time, known)
+        for carry in carries
+    ]
 
 
 def _advance(states, history, stopped, scene, z, begin, steps):

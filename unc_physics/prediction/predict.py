@@ -138,7 +138,7 @@ def predict_marks(
         )
 
     with time_limit() as limit:
-        ends_early = scene.integrator == "implicit"  # the explicit step's kernels do not
+        ends_early = scene.integrator != "explicit"  # the explicit step's kernels do not
         compute_budget = ComputeBudget(allowed, started, limit if ends_early else None)
         try:
             prediction = prediction_of(run(scene, belief, propagator, marks, compute_budget, progress, asked))
@@ -206,6 +206,6 @@ def start_belief(scene: Scene, belief: Belief) -> Belief:
     instance(scene, Scene, "scene")
     instance(belief, Belief, "belief")
     belief.check_fits(scene)
-    if scene.integrator == "explicit":
+    if scene.integrator != "implicit":
         return belief
     return points_at_start(with_stiffness(scene, belief.mean), belief)[0]

@@ -11,6 +11,8 @@ from ..checks.errors import InvalidHorizonError, LimitExceededError, NotSupporte
 from ..checks.memory import require_memory
 from ..checks.validation import positive
 from ..collision.implicit_workspace import REMEMBERED_CONTACTS
+from ..physics.everyday.columns import REMEMBERED
+from ..physics.everyday.rollouts import FIRST_ROOM
 from ..propagators.base import Propagator, Samples
 from ..propagators.registry import names_where
 from ..scene.belief import Belief
@@ -169,6 +171,8 @@ def check_memory(scene: Scene, belief: Belief, propagator: Propagator, times: in
     remembered = _SHORT * bodies * things
     if scene.integrator == "implicit":
         remembered += bodies * (_REMEMBERED * REMEMBERED_CONTACTS + 10 * _NUMBER)
+    elif scene.integrator == "contact":
+        remembered += bodies * _NUMBER * (FIRST_ROOM * REMEMBERED + 1)
     kept = remembered + state
     errors = _NUMBER * ERROR * len(scene.moving)
     covariance = _NUMBER * (ERROR * len(scene.moving)) ** 2

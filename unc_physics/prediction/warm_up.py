@@ -50,7 +50,7 @@ def warm_up(
     """
     stiffness = physics.get("stiffness")
     own_physics = {**physics, "overlap": None}  # which all propagators take
-    if not isinstance(stiffness, float):
+    if not isinstance(stiffness, float) and physics.get("integrator") != "contact":
         own_physics["stiffness"] = _STIFFNESS
     scene = _scene(own_physics)
     mean = np.zeros((3, STATE))

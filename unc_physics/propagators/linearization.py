@@ -28,7 +28,7 @@ from ..dynamics.explicit_step import (
 )
 from ..dynamics.workspace import workspace
 from ..scene.belief import Belief
-from ..scene.physics_keys import INTEGRATORS
+from ..scene.physics_keys import COMMON_INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
 from ..spatial.rotation import cross, rotate
@@ -89,7 +89,7 @@ class Linearization(SimulatedRollouts, TwoSidedSlopes):
 
     name = "linearization"
     traits = Traits("nominal", "full covariance", True, False, "linearized")
-    integrators = INTEGRATORS
+    integrators = COMMON_INTEGRATORS
     supports = Supports(UNCERTAIN_PARAMETERS, ("implicit",), parameters_on=("implicit",))
 
     def init(self, scene, belief):

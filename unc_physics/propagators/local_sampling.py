@@ -11,7 +11,7 @@ from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
 from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
-from ..scene.physics_keys import INTEGRATORS
+from ..scene.physics_keys import COMMON_INTEGRATORS
 from .base import Propagator, Traits
 from .implicit_local_sampling import advance_solved_covariances
 from .local_clouds import advance_covariances
@@ -48,7 +48,7 @@ class LocalSampling(Propagator):
 
     name = "local_sampling"
     traits = Traits("nominal", "covariance, per body", False, True, "sampled")
-    integrators = INTEGRATORS
+    integrators = COMMON_INTEGRATORS
 
     samples: int = option(32, "perturbed copies of each contact", low=1, high=_SAMPLES_LIMIT)
     #: the draws depend on it, the step, the contact and the sample, and on nothing else

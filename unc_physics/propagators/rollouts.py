@@ -7,6 +7,7 @@ from typing import Any
 
 from ..dynamics import contact_history as histories
 from ..dynamics.rollout import recorded
+from ..scene.contact_world import recorded_contacts
 from ..scene.marks import Mark, whole
 from ..scene.parameters import recorded_varied
 from ..scene.scene import Scene
@@ -39,6 +40,14 @@ def recorded_rollouts(carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[A
 
     Each rollout is simulated to all of them at once: a call of its own costs as much as dozens of steps.
     """
+    if scene.integrator == "contact":
+        found = recorded_contacts(
+            carry.states, carry.contact_history, scene, carry.parameters, carry.step, marks
+        )
+        return [
+            carry._replace(states=states, contact_history=history, step=mark.fraction_of(scene.dt))
+            for mark, (states, history) in zip(marks, found, strict=True)
+        ]
     if _all_sleep(carry, scene):
         return [carry._replace(step=mark.fraction_of(scene.dt)) for mark in marks]
     states, history = carry.states.copy(), histories.copy(carry.contact_history)

@@ -21,6 +21,7 @@ from ..initialization.overlap_rows import Metric
 from ..initialization.overlap_search import OVERLAP_TOLERANCE, sides_of
 from ..initialization.projection import ProjectionInput, ProjectionOutput, project
 from ..scene.belief import Belief
+from ..scene.contact_world import fresh_history
 from ..scene.kinematic_states import held_at_start, kinematic_belief
 from ..scene.scene import Scene
 from ..spatial.layout import (
@@ -103,6 +104,8 @@ def resolve_initial_overlap(
     history, returned with the states, holds the remaining overlap, and in ``start`` the changes made.
     """
     resting = _resting(scene)
+    if scene.integrator == "contact":
+        return states, fresh_history(scene, len(states))
     if scene.world.implicit is None:
         return states, histories.fresh(len(states), scene.world)
     if scene.overlap == "keep" and not resting.any():

@@ -11,7 +11,7 @@ from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
 from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
-from ..scene.physics_keys import INTEGRATORS
+from ..scene.physics_keys import COMMON_INTEGRATORS
 from ..spatial.moments import symmetric_root
 from .base import Propagator, Traits
 from .implicit_surrogate import advance_solved_roots
@@ -45,7 +45,7 @@ class Surrogate(Propagator):
 
     name = "surrogate"
     traits = Traits("nominal", "square-root, per body", False, True, "surrogate")
-    integrators = INTEGRATORS
+    integrators = COMMON_INTEGRATORS
 
     #: how many standard deviations of the contact's position tilt its normal (Eq. 20). The paper leaves it
     #: open; the default has the smallest errors after collisions (``evaluate paper`` sweeps it)

@@ -25,7 +25,7 @@ from ..prediction.diagnosis import compared_rollouts
 from ..propagators.names import ANYTIME, DEFAULT, REFERENCE
 from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
-from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
+from ..scene.physics_keys import COMMON_INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
 from ..scene.presets import PRESETS, certain, with_changes
 from ..scene.stiffness import AUTO
 from .messages.scene import CovarianceDefaults
@@ -104,7 +104,7 @@ class Settings:
         " restitution are those of unknown household objects where they are not set.",
     )
     gyroscopic: bool = physics_key("gyroscopic")
-    integrator: str = physics_key("integrator", choices=INTEGRATORS)
+    integrator: str = physics_key("integrator", choices=COMMON_INTEGRATORS)
     sleep: bool = physics_key("sleep", True)
     overlap: str = parameter(
         _AUTO_OVERLAP,

@@ -34,7 +34,7 @@ _EXPLICIT = {
 #: Standard deviation of a surface over that of a contact of two such surfaces, as a contact has their mean.
 SURFACE_OF_CONTACT = math.sqrt(2.0)
 #: Restitution of each integrator if none is given.
-DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0}
+DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0, "contact": 0.0}
 
 
 class Materials(NamedTuple):

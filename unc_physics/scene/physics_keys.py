@@ -10,8 +10,11 @@ from ..checks.errors import InvalidHorizonError, InvalidOptionError, LimitExceed
 from ..checks.names import one_of
 from ..checks.validation import array, flag, non_negative, positive, share
 
-#: Integrators: the paper's explicit step, or implicit contacts, which friction and resting bodies need.
-INTEGRATORS = ("explicit", "implicit")
+#: Integrators: the paper's explicit step, implicit contacts of spheres, or contacts of exact shapes; friction
+#: and resting bodies need one of the last two.
+INTEGRATORS = ("explicit", "implicit", "contact")
+#: Those that all propagators support.
+COMMON_INTEGRATORS = ("explicit", "implicit")
 _SUCCESSORS = {"robust": "implicit"}
 #: Treatments of initial overlap.
 OVERLAPS = ("project", "reject", "keep")
@@ -127,7 +130,7 @@ PHYSICS_KEYS = {
     "integrator": PhysicsKey(
         check_integrator,
         "How steps are taken: as in the paper ('explicit'), or with contacts that are solved for, with"
-        " friction and rest ('implicit').",
+        " friction and rest, between spheres ('implicit') or exact shapes ('contact').",
     ),
     "overlap": PhysicsKey(
         partial(_one_of, OVERLAPS), f"What becomes of overlap at the start: {', '.join(OVERLAPS)}."

@@ -56,12 +56,15 @@ def physics_as_text(scene: Scene) -> str:
     """Return the physics of a scene in one line, as 'implicit, dt 0.0041667 s, ...'."""
     physics = physics_of(scene)
     parts = [physics["integrator"], f"dt {physics['dt']:.5g} s"]
-    parts.append("stiffness auto" if scene.stiffness is None else f"stiffness {scene.stiffness:.3g} N/m^3")
+    if scene.integrator != "contact":
+        parts.append(
+            "stiffness auto" if scene.stiffness is None else f"stiffness {scene.stiffness:.3g} N/m^3"
+        )
     if any(physics["gravity"]):
         parts.append(f"gravity ({', '.join(f'{g:g}' for g in physics['gravity'])}) m/s^2")
     if physics["damping"]:
         parts.append(f"damping {physics['damping']:g} 1/s")
-    if scene.integrator == "implicit":
+    if scene.integrator != "explicit":
         parts += [
             f"{key} {physics[key]:g}{_spread(physics, key)}"
             + (" (some surfaces have their own)" if f"{key}_of" in physics else "")

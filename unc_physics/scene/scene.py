@@ -33,7 +33,15 @@ from .action_arrays import actions_of
 from .body import RigidBody, shape_of
 from .environment import Element, check_element, check_not_reserved, element_names
 from .marks import Mark
-from .materials import DEFAULT_RESTITUTION, Materials, Surface, check_surface, combined, refuse_with_explicit
+from .materials import (
+    DEFAULT_RESTITUTION,
+    SURFACE_OF_CONTACT,
+    Materials,
+    Surface,
+    check_surface,
+    combined,
+    refuse_with_explicit,
+)
 from .physics_keys import PHYSICS_KEYS, check_integrator
 from .presets import EXACT_PRESETS, PRESETS, with_changes
 
@@ -52,7 +60,7 @@ UNCERTAIN_PARAMETERS = (
 IMPACT_STDS = ("impact_direction_std", "impact_point_std", "impact_friction_std")
 
 #: Default treatment of initial overlap.
-DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep"}
+DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep", "contact": "keep"}
 #: Default kappa of explicit scenes [N/m^3].
 STIFFNESS = 1e4
 
@@ -95,8 +103,9 @@ class Scene:
         with the explicit integrator, whose contacts are elastic.
     gyroscopic : bool
         Whether rotation conserves angular momentum, instead of angular velocity as in the paper.
-    integrator : {'explicit', 'implicit'}
-        The paper's step, or a step with implicit lasting contacts and impacts as events.
+    integrator : {'explicit', 'implicit', 'contact'}
+        The paper's step, or a step with implicit lasting contacts and impacts as events: between spheres, or
+        between exact shapes, which Monte Carlo and sigma points support so far.
     stiffness_std, friction_std : float
         Standard deviations, in the parameter's unit. With z standard normal, the parameter is ``m exp(z std /
         m)``; its value m must be positive.
@@ -173,10 +182,12 @@ class Scene:
         check_integrator(self.integrator)
         explicit = self.integrator == "explicit"
         names_gravity = self.gravity is not None
+        if self.integrator == "contact":
+            self._refuse_what_contact_lacks()
         chosen = {
             "gravity": np.zeros(3),
             "overlap": DEFAULT_OVERLAP[self.integrator],
-            "stiffness": STIFFNESS if explicit else None,
+            "stiffness": {"explicit": STIFFNESS, "implicit": None, "contact": 0.0}[self.integrator],
         }
         for spec in fields(self):
             if spec.name in PHYSICS_KEYS:
@@ -203,6 +214,28 @@ class Scene:
         for kind, things in (("bodies", self.bodies), ("environment", self.environment)):
             for k, thing in enumerate(things):
                 refuse_with_explicit(thing, f"{kind}[{k}].")
+
+    def _refuse_what_contact_lacks(self):
+        """Raise `InvalidOptionError` if an option is set that the step over exact shapes does not support."""
+        for name, own, instead in (
+            ("stiffness", (None, 0.0), "must be absent with 'integrator: contact', whose contacts are rigid"),
+            (
+                "overlap",
+                (None, "keep"),
+                "must be 'keep' with 'integrator: contact', which pushes apart what begins inside each other",
+            ),
+        ):
+            value = getattr(self, name)
+            if value not in own:
+                raise InvalidOptionError(instead, field=name, value=value)
+        for k, body in enumerate(self.bodies):
+            if body.at_rest:
+                raise InvalidOptionError(
+                    "must be false with 'integrator: contact', which does not settle bodies yet; 'implicit'"
+                    " does",
+                    field=f"bodies[{k}].at_rest",
+                    value=True,
+                )
 
     def _refuse_moving_surfaces(self):
         for k, element in enumerate(self.environment):
@@ -316,6 +349,9 @@ class Scene:
             if getattr(self, field) and self._uses(field.removesuffix("_std"))
             for axis in range(2 if field == "gravity_direction_std" else 1)
         ]
+        own = self.integrator == "contact"  # each surface has a draw of its own
+        if own:
+            found = [parameter for parameter in found if parameter.name not in Materials._fields]
         for k in self.moving.tolist():
             body = self.bodies[k]
             if body.mass_std:
@@ -335,10 +371,21 @@ class Scene:
             ]
         for k, surface in enumerate(self.surfaces if self.has_partners else ()):
             stds = {name: getattr(surface, f"{name}_std") for name in Materials._fields}
+            if own:
+                stds = {name: self._own_std(surface, name, std) for name, std in stds.items()}
             found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
             tilt = getattr(surface, "surface_tilt_std", 0.0)
             found += [UncertainParameter("surface_tilt", k, axis, tilt) for axis in range(2) if tilt]
         return tuple(found)
+
+    def _own_std(self, surface, name, std):
+        """Return the standard deviation of a surface's draw: its own, or one that gives contacts the scene's.
+
+        A contact has the mean of two independent draws.
+        """
+        if getattr(surface, name) is None:
+            return SURFACE_OF_CONTACT * getattr(self, f"{name}_std")
+        return std
 
     @property
     def has_partners(self) -> bool:
@@ -442,7 +489,7 @@ class Scene:
         With None, the explicit kernels compile without them.
         """
         elements = self.environment
-        if not (elements or self.gyroscopic or self.integrator == "implicit" or self.acts):
+        if not (elements or self.gyroscopic or self.integrator != "explicit" or self.acts):
             return None
         return Environment(
             kind=np.array([element.kind for element in elements], np.int64),

@@ -1,0 +1,1 @@
+"""Time steps of scenes."""

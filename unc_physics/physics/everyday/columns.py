@@ -1,0 +1,151 @@
+"""Columns of the arrays that the step's kernels share, and its tuned numbers.
+
+What kernels share is in few two-dimensional arrays of floats with named columns, because each array argument
+of a compiled function costs time at every call:
+
+``Y``
+    Bodies, one a row: the scene's bodies, then what is fixed: the ground, of all elements of the environment
+    that do not tilt, and a row for each one that does. `shapes` takes its first columns as frames.
+``pieces``, ``rows``
+    Convex pieces, with their points and faces, as in `shapes.columns`. ``spots`` holds what a step adds.
+``C``
+    Contacts that may act within the step. ``par`` holds settings, ``count`` what is counted.
+"""
+
+# ---- bodies
+FRAME, ROT = 0, 3  # origin of the pieces' axes in the world; rotation matrix, row by row
+STATE = 12  # of the centre of mass, as in `spatial.layout`:
+CENTRE, VEL, QUAT, SPIN = 12, 15, 18, 22
+IWORLD = 25  # inverse inertia in world axes: xx, yy, zz, xy, xz, yz
+MOVED, TURNED, TILTED = 31, 34, 37  # since the search; TILTED is TURNED without the spin about AXIS
+IMASS, INERTIA, IBODY = 40, 41, 47  # inverse mass, 0 unless it moves freely; inertia, its inverse; body axes
+STEADY = 53  # 1 where the angular velocity stays without torque: inertia of a ball, or no gyroscopic term
+RADIUS, MIDDLE, HALF = 54, 55, 58  # of all pieces: sphere about the centre of mass; box in their axes
+FIRST, LAST = 61, 62  # rows of the pieces; the last is exclusive
+TRAVEL, REACH = 63, 64  # way of the farthest point so far, and the most in this step [m]
+SURGE = 65  # most change of velocity of a point in this step without contacts [m/s]
+QUIET = 66  # time at rest [s]
+DRIVEN = 67  # 1 where the velocities are given in this step: on a path, or attached
+ACCEL = 68  # acceleration by gravity and forces [m/s^2]
+PUSH_V, PUSH_W = 71, 74  # velocities that only take out depth
+FREE_W = 77  # change of the angular velocity with time without torque
+AXIS, ARM = 80, 83  # of its lathes: direction, and the axis' nearest point to the centre of mass; body axes
+ARM_BEFORE = 86  # ARM in world axes at the search
+ROLLS = 89  # 1 where there is such an axis
+OFFSET = 90  # centre of mass in the pieces' axes
+OWN_IMASS = 93  # inverse mass when it moves freely
+WAY = 94  # of the farthest point in the last step [m]
+BODY = 95
+
+# ---- what a step adds to a piece
+WHERE = 0  # centre of its bounding sphere in the world
+SURFACE_OF = 3  # number of its material: its body's, or B + e of element e
+ON_AXIS = 4  # 1 for a lathe about its body's AXIS
+SOME = 5  # scratch: a list of pieces
+SPOT = 6
+
+# ---- contacts; a is the body with the smaller number, except that one that does not move freely is a
+NORMAL, TAN1, TAN2 = 0, 3, 6  # normal from a to b, tangents
+GAP0, GAP = 9, 10  # at the search, now
+LEVER_A, LEVER_B = (
+    11,
+    14,
+)  # from the centres of mass to the cores at the search; of LATHE ones from their axis
+RHO_A, RHO_B, LATHE_A, LATHE_B = 17, 18, 19, 20  # roundings; whether a lathe about the body's AXIS
+JA, JB, IA, IB = 21, 30, 39, 48  # lever x (normal, tangents); inverse inertia times these
+MASS_N, MASS_T, K11, K12, K22 = 57, 58, 59, 60, 61  # effective masses: normal, least and 2 x 2 tangential
+LN, L1, L2 = 62, 63, 64  # impulses along normal and tangents
+WARM = 65  # forces to start from
+MU, MU0, E = 68, 69, 70  # friction now, in sliding; restitution
+MODE, REBOUND = 71, 72  # see `solve.sweep`; wanted normal speed after an impact
+BELT_U, SURFACE_U = 73, 76  # velocity of a's surface along normal and tangents: belt alone, all that is given
+BODY_A, BODY_B, PIECE_A, PIECE_B = 79, 80, 81, 82
+BEFORE = 83  # impulses before a sweep; the first also those of `solve.push_out`
+RIM_A, RIM_B = 86, 87  # whether it is the lathe's farthest point, which travels along the rim as it tilts
+FACE_OF = 88  # whose face the other body's point touches, and with which the normal turns: 1 a, 2 b, 0 none
+TWIST = 89  # most moment per normal force: about the normal, about the tangents [m]
+MOMENT, WARM_MOMENT = 91, 94  # moments' impulses about normal and tangents; their moments to start from
+SINCE = 97  # ways of both bodies' farthest points since its search [m]
+IMPULSE = 98  # of the whole step, world axes
+SAVED = 101  # normal and tangents while an impact's error turns them
+SURFACE_A, SURFACE_B = 110, 111  # numbers of materials: a body's, or B + e of element e
+STRUCK = 112  # impacts in this step
+COLS = 113
+
+# ---- contacts that are remembered between steps, and that callers read
+(R_NORMAL, R_GAP, R_LEVER_A, R_LEVER_B, R_WARM, R_MOMENT) = (0, 3, 4, 7, 10, 13)  # as in ``C``
+(R_BODY_A, R_BODY_B, R_PIECE_A, R_PIECE_B, R_FACE_OF, R_RIM_A, R_RIM_B, R_SINCE) = range(16, 24)
+R_POINT, R_IMPULSE = 24, 27  # middle of the gap, and the last step's impulse on b, world axes
+REMEMBERED = 30
+
+# ---- pairs of bodies
+CLEAR = 0  # no contact before the bodies' TRAVEL adds up to this
+ROW0, ROWS = 1, 2  # contacts in the rows of the step before
+PARTED = 3  # of bodies of one piece: the direction that parted them last
+PAIR = 6
+
+# ---- a list of pieces of a pair of bodies that may come near soon: row 0, then the other rows
+L_KEY, L_NUMBER, L_HOLDS = 0, 1, 2  # which pair, number of rows, TRAVEL up to which it holds
+L_A, L_B, L_CLEAR, L_PARTED = 0, 1, 2, 3  # pieces, TRAVEL before which they are apart, what parted them last
+LIST = 6
+
+# ---- pairs of pieces of a pair of bodies that are near
+N_GAP, N_A, N_B, N_NORMAL, N_P, N_Q = 0, 1, 2, 3, 6, 9  # gap, pieces, normal, nearest points
+N_HOW = 12  # first whether in contact the step before; then where the normal is from: see below
+N_ENTRY, N_REACH = 13, 14  # row in the list (later whether it stands for its normal), gap that matters now
+NEARS = 15
+OWN, FACES, OTHERS = 0.0, 1.0, 2.0  # nearest points; faces, whose contacts are written; another pair's normal
+
+# ---- groups of bodies that touch, rows of an array of integers
+PARENT, GROUP, NEXT, START, MEMBERS = 0, 1, 2, 3, 4
+GROUPS = 5
+
+# ---- settings
+GRAVITY, DECAY, SLEEP = 0, 3, 4  # in the world [m/s^2]; rate of damping [1/s]; whether groups at rest sleep
+DIRECTION_ERROR, POINT_ERROR, MU_ERROR = 5, 6, 7  # of impacts: standard deviations [rad], [m], of a logarithm
+SLIPPERINESS = 8  # inverse of the closing speed at which friction of impacts is half [s/m]
+STEP_NUMBER, PART = 9, 10  # number of the present step, and which part of it
+SETTINGS = 11
+
+# ---- materials, rows of an array with a column for each body and element
+FRICTION, RESTITUTION, TORSION, ROLLING = (
+    0,
+    1,
+    2,
+    3,
+)  # the last two: moments per normal force [m]; < 0: not given
+MATERIALS = 4
+
+# ---- what is counted
+(CONTACTS, VISITS, SEARCHES, CUT, IMPACTS, IMPACT_VISITS, DIRECTS, SETTLED) = range(8)
+COUNTS = 8
+
+# ---- tuned numbers
+SUBSTEPS = 2  # of a step; with one, Euler's disc loses 4 degrees a second, and elastic boxes 12 % of energy
+SWEEPS, SWEEPS_FRESH = 30, 30  # most rounds of impulses, else and after impacts; laws hold from 10 on
+TOLERANCE = 1e-4  # m/s, change of a contact's speed that ends sweeps: a hundredth of g times a step
+BOUNCE = 0.1  # m/s, closing speed from which what is not elastic rebounds: measured for metal and plastic
+FEW_SWEEPS = 3  # before sweeps extrapolate: the first ones change more than what converges slowly
+EXTRAPOLATE, FARTHEST = 0.3, 20.0  # ratio of changes from which they do, and the most of a change
+LONG = 0.3  # share of a whole substep from which its forces start the next; tiny ones tell little
+SLOW = 0.03  # m/s, contacts that close slower land without an impact; with .1, rocking blocks lose energy
+STILL = 2e-5  # m, motion up to which contacts are kept: a tenth of what a normal tells
+SLOP = 2e-5  # m, depth that is left so that contacts at rest last
+NEAR = 2e-4  # m, contacts that take part in an impact: flatness of machined faces
+CUTS = 8  # of a step at impacts, shared by the bodies of a group; more only cost time in piles
+IMPACTS_MOST, IMPACT_SWEEPS = 16, 50  # rounds over a group's pairs, and over the contacts of a pair
+PUSH, PUSH_MOST = 0.2, 0.1  # share of the depth that a substep takes out, and the most [m/s]: no visible hop
+GHOST = 1e-4  # m, another contact's normal that parts two pieces up to this replaces their own
+DEEPER = 1e-4  # m, a nearest point that is nearer than all corners by more is a contact of its own
+SLEEP_AFTER = 0.1  # s at rest after which a group sleeps
+ASLEEP = 3e-3  # m/s, speed of a body's fastest point at rest
+DRIFT = 1e-4  # m, added to what a body can travel within a step: pushes out of depth
+MARGIN = 4e-3  # m, reach of a list of pieces beyond what the next step needs: a step at 1 m/s
+ON_RIM = 2e-4  # m, from a lathe's farthest point, up to which a contact travels along the rim
+SAME_POINT = 0.02  # m, distance up to which a contact takes the forces of one in the step before
+RATIO = 30.0  # of masses in a group from which sweeps alone sag, and small groups are solved directly
+DIRECT_MOST = 16  # contacts of a group that is solved directly; with 20 it does worse than sweeps
+UNKNOWNS = 3 * DIRECT_MOST  # of the direct solution
+MOST = 32  # contacts of a pair of bodies: a bowl in a bowl needs 24
+SURE = 8  # normals of a pair of bodies that may stand for those of other pieces
+LISTS = 256  # lists of pieces at a time; a pair whose list another one has taken makes its own again

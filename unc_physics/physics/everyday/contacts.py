@@ -1,0 +1,522 @@
+"""Rows of contacts: from what the search finds to gaps, levers and masses at any time within the step."""
+
+import math
+
+from ...compiler import inner
+from ...shapes.columns import FACE_OF as FOUND_FACE
+from ...shapes.columns import GAP as FOUND_GAP
+from ...shapes.columns import HALF_SPACE, KIND, ROUNDING
+from ...shapes.columns import NORMAL as FOUND_NORMAL
+from ...shapes.columns import PIECE_A as FOUND_A
+from ...shapes.columns import PIECE_B as FOUND_B
+from ...shapes.columns import POINT as FOUND_POINT
+from ...shapes.support import core_point, gap_along, unit
+from ...spatial.rotation import cross
+from ...spatial.vectors import dot, minus, plus, three, times
+from .columns import (
+    ARM_BEFORE,
+    BEFORE,
+    BELT_U,
+    BODY_A,
+    BODY_B,
+    CENTRE,
+    CLEAR,
+    COLS,
+    DRIFT,
+    DRIVEN,
+    FACE_OF,
+    FRAME,
+    FREE_W,
+    FRICTION,
+    GAP,
+    GAP0,
+    GHOST,
+    IA,
+    IB,
+    IMASS,
+    IMPULSE,
+    IWORLD,
+    JA,
+    JB,
+    K11,
+    K12,
+    K22,
+    L1,
+    L2,
+    LATHE_A,
+    LATHE_B,
+    LEVER_A,
+    LEVER_B,
+    LN,
+    MASS_N,
+    MASS_T,
+    MODE,
+    MOMENT,
+    MOST,
+    MOVED,
+    MU,
+    MU0,
+    NORMAL,
+    ON_AXIS,
+    ON_RIM,
+    PIECE_A,
+    PIECE_B,
+    R_BODY_A,
+    R_FACE_OF,
+    R_GAP,
+    R_IMPULSE,
+    R_LEVER_A,
+    R_LEVER_B,
+    R_MOMENT,
+    R_NORMAL,
+    R_POINT,
+    R_SINCE,
+    R_WARM,
+    RADIUS,
+    REACH,
+    RESTITUTION,
+    RHO_A,
+    RHO_B,
+    RIM_A,
+    RIM_B,
+    ROW0,
+    ROWS,
+    SAME_POINT,
+    SINCE,
+    SLOP,
+    SPIN,
+    STILL,
+    STRUCK,
+    SURFACE_A,
+    SURFACE_B,
+    SURFACE_OF,
+    SURFACE_U,
+    SURGE,
+    TAN1,
+    TAN2,
+    TILTED,
+    TORSION,
+    TRAVEL,
+    TURNED,
+    TWIST,
+    VEL,
+    WARM,
+    WARM_MOMENT,
+    WAY,
+    E,
+)
+from .motion import back, roll_arm, roll_axis, symmetric_times, turned, write
+from .search import FULL, line_up, meet, place, reaches
+
+_AROUND = (
+    0.7  # cosine: a rim point stays on the body where it would travel by more than an eighth of the circle
+)
+_ALIKE = 0.7  # cosine of normals between which forces are handed on
+
+
+@inner
+def _on_rim(Y, solids, i, p, n, q):
+    """Return whether q, from its axis, is a lathe's farthest point along n, and its circle rises along n."""
+    b, c = back(Y, i, n), back(Y, i, q)
+    centre = plus(three(Y, i, CENTRE), roll_arm(Y, i))
+    there = minus(core_point(solids.pieces[p], solids.rows, b), back(Y, i, minus(centre, three(Y, i, FRAME))))
+    d, a = minus(there, c), back(Y, i, roll_axis(Y, i))
+    along = minus(b, times(dot(a, b), a))
+    return dot(d, d) < ON_RIM * ON_RIM and dot(c, along) > SLOP
+
+
+@inner(noinline=True, error_model="numpy")
+def _complete(C, n, Y, solids, surface, materials):
+    """Fill what follows from a row's normal, gap, levers, pieces: tangents, materials, velocity of a belt."""
+    a = int(C[n, BODY_A])
+    pa, pb = int(C[n, PIECE_A]), int(C[n, PIECE_B])
+    normal = three(C, n, NORMAL)
+    other = (0.0, 1.0, 0.0) if abs(normal[1]) < 0.7 else (1.0, 0.0, 0.0)
+    t1 = unit(cross(normal, other))
+    write(C, n, TAN1, t1)
+    write(C, n, TAN2, cross(normal, t1))
+    C[n, RHO_A], C[n, RHO_B] = solids.pieces[pa, ROUNDING], solids.pieces[pb, ROUNDING]
+    C[n, LATHE_A], C[n, LATHE_B] = solids.spots[pa, ON_AXIS], solids.spots[pb, ON_AXIS]
+    sa, sb = int(solids.spots[pa, SURFACE_OF]), int(solids.spots[pb, SURFACE_OF])
+    C[n, MU0] = math.sqrt(materials[FRICTION, sa] * materials[FRICTION, sb])
+    C[n, MU], C[n, E] = C[n, MU0], math.sqrt(materials[RESTITUTION, sa] * materials[RESTITUTION, sb])
+    for k in range(2):
+        x, y = materials[TORSION + k, sa], materials[TORSION + k, sb]
+        C[n, TWIST + k] = math.sqrt(x * y) if x >= 0.0 and y >= 0.0 else max(x, y, 0.0)
+    C[n, SURFACE_A], C[n, SURFACE_B], C[n, STRUCK] = sa, sb, 0.0
+    e = sa - (len(materials[0]) - len(surface))
+    v = (0.0, 0.0, 0.0)
+    if len(surface) > 0 and e >= 0:
+        arm = plus(three(C, n, LEVER_A), times(C[n, RHO_A], normal))
+        point = plus(three(Y, a, CENTRE), arm)
+        v = plus(three(surface, e, 0), cross(three(surface, e, 3), point))
+    write(C, n, BELT_U, (0.0, dot(v, t1), dot(v, three(C, n, TAN2))))
+    C[n, MODE] = 0.0
+    write(C, n, IMPULSE, (0.0, 0.0, 0.0))
+    write(C, n, MOMENT, (0.0, 0.0, 0.0))
+
+
+@inner(noinline=True)
+def _row(C, n, a, b, found, i, Y, solids, old, first, had):
+    """Write row n from found contact i, with the forces of the nearest contact of the step before."""
+    p, normal, gap = three(found, i, FOUND_POINT), three(found, i, FOUND_NORMAL), found[i, FOUND_GAP]
+    pa, pb, face = int(found[i, FOUND_A]), int(found[i, FOUND_B]), found[i, FOUND_FACE]
+    half = times(0.5 * gap, normal)
+    ra, rb = plus(minus(p, half), minus(three(Y, b, CENTRE), three(Y, a, CENTRE))), plus(p, half)
+    ra = minus(ra, times(solids.pieces[pa, ROUNDING], normal))
+    rb = plus(rb, times(solids.pieces[pb, ROUNDING], normal))
+    rim_a = rim_b = 0.0
+    if solids.spots[pa, ON_AXIS] > 0.0:
+        ra = minus(ra, roll_arm(Y, a))
+        rim_a = 1.0 if face == 2.0 and _on_rim(Y, solids, a, pa, normal, ra) else 0.0
+    if solids.spots[pb, ON_AXIS] > 0.0:
+        rb = minus(rb, roll_arm(Y, b))
+        rim_b = 1.0 if face == 1.0 and _on_rim(Y, solids, b, pb, times(-1.0, normal), rb) else 0.0
+    write(C, n, NORMAL, normal)
+    write(C, n, LEVER_A, ra)
+    write(C, n, LEVER_B, rb)
+    C[n, GAP0], C[n, FACE_OF], C[n, RIM_A], C[n, RIM_B], C[n, SINCE] = gap, face, rim_a, rim_b, 0.0
+    C[n, BODY_A], C[n, BODY_B], C[n, PIECE_A], C[n, PIECE_B] = a, b, pa, pb
+    write(C, n, WARM, (0.0, 0.0, 0.0))
+    write(C, n, WARM_MOMENT, (0.0, 0.0, 0.0))
+    best, which = SAME_POINT * SAME_POINT, -1
+    for j in range(first, first + had):
+        d = minus(rb, three(old, j, LEVER_B))
+        if dot(d, d) < best and old[j, MODE] == 0.0 and dot(three(old, j, NORMAL), normal) >= _ALIKE:
+            best, which = dot(d, d), j
+    if which >= 0:
+        other = (0.0, 1.0, 0.0) if abs(normal[1]) < 0.7 else (1.0, 0.0, 0.0)
+        t1 = unit(cross(normal, other))
+        t2 = cross(normal, t1)
+        for at in (WARM, WARM_MOMENT):
+            across = plus(
+                times(old[which, at + 1], three(old, which, TAN1)),
+                times(old[which, at + 2], three(old, which, TAN2)),
+            )
+            write(C, n, at, (old[which, at], dot(across, t1), dot(across, t2)))
+        old[which, MODE] = 1.0  # used
+
+
+@inner(noinline=True)
+def _pair(a, b, far, dt, n, Y, solids, C, old, search, count):
+    """Write the rows of a pair, the ones of the step before where nothing moved; return the number so far."""
+    pairs = search.pairs
+    first, had = int(pairs[a, b, ROW0]), int(pairs[a, b, ROWS])
+    if n + MOST > len(C):
+        return FULL
+    if had > 0 and old[first, SINCE] < STILL:
+        for j in range(first, first + had):
+            for x in range(COLS):
+                C[n, x] = old[j, x]
+            n += 1
+        return n
+    slack = dt * (Y[a, SURGE] + Y[b, SURGE]) + 2.0 * DRIFT
+    k, gap = meet(a, b, far, dt, slack, Y, solids, old, first, had, search, count)
+    if k == FULL:
+        return FULL
+    if k == 0:
+        pairs[a, b, CLEAR] = Y[a, TRAVEL] + Y[b, TRAVEL] + gap
+    for i in range(k):
+        _row(C, n, a, b, search.out, i, Y, solids, old, first, had)
+        n += 1
+    return n
+
+
+@inner(noinline=True)
+def _without_ghosts(first, n, Y, solids, C):
+    """Drop rows of a body with fixed ones where another one's normal parts the pieces; return the number.
+
+    As `search` does within a pair of bodies.
+    """
+    for k in range(first, n):
+        C[k, BEFORE] = 0.0
+    for k in range(first, n):
+        pa, pb = int(C[k, PIECE_A]), int(C[k, PIECE_B])
+        for j in range(first, n):
+            e = three(C, j, NORMAL)
+            same = C[j, BODY_A] == C[k, BODY_A] or dot(e, three(C, k, NORMAL)) >= 1.0 - 1e-9
+            if same or C[j, BEFORE] > 0.0 or C[j, GAP0] >= C[k, GAP0] + GHOST:
+                continue
+            if solids.pieces[pa, KIND] != HALF_SPACE:
+                base = three(Y, int(C[k, BODY_B]), CENTRE)
+                apart = gap_along(pa, pb, e, base, Y, solids.pieces, solids.rows)
+                if apart > min(C[j, GAP0], 0.0) - GHOST:
+                    C[k, BEFORE] = 1.0
+                    break
+    m = first
+    for k in range(first, n):
+        if C[k, BEFORE] == 0.0:
+            if m < k:
+                for x in range(COLS):
+                    C[m, x] = C[k, x]
+            m += 1
+    return m
+
+
+@inner(noinline=True)
+def find(bodies, dt, before, Y, solids, C, old, search, count):
+    """Write the rows of all contacts that may act within dt; return their number, or `FULL`.
+
+    ``old`` has the rows of the step ``before``.
+    """
+    order, pairs = search.order, search.pairs
+    for k in range(before):
+        old[k, MODE] = 0.0
+    for i in range(bodies):
+        place(i, Y, solids)
+    most = reaches(bodies, dt, Y)
+    fixed = line_up(bodies, order, Y)
+    n = 0
+    for i in range(bodies):
+        b, first = order[0, i], n
+        if Y[b, IMASS] == 0.0:
+            continue
+        for k in range(fixed):
+            a = order[1, k]
+            far = Y[a, REACH] + Y[b, REACH]
+            if Y[a, TRAVEL] + Y[b, TRAVEL] + far >= pairs[a, b, CLEAR]:
+                n = _pair(a, b, far, dt, n, Y, solids, C, old, search, count)
+                if n == FULL:
+                    return FULL
+        if fixed > 1 and n - first > 1:
+            n = _without_ghosts(first, n, Y, solids, C)
+        for j in range(i + 1, bodies):
+            a = order[0, j]
+            if Y[a, CENTRE] - Y[a, RADIUS] > Y[b, CENTRE] + Y[b, RADIUS] + Y[b, REACH] + most:
+                break
+            if Y[a, IMASS] == 0.0:
+                continue
+            far, d = Y[a, REACH] + Y[b, REACH], minus(three(Y, a, CENTRE), three(Y, b, CENTRE))
+            r = Y[a, RADIUS] + Y[b, RADIUS] + far
+            if dot(d, d) < r * r:
+                p, q = min(a, b), max(a, b)
+                if Y[a, TRAVEL] + Y[b, TRAVEL] + far >= pairs[p, q, CLEAR]:
+                    n = _pair(p, q, far, dt, n, Y, solids, C, old, search, count)
+                    if n == FULL:
+                        return FULL
+    return n
+
+
+@inner(noinline=True)
+def complete(n, C, Y, solids, surface, materials):
+    """Fill what follows from the rows that a search has written."""
+    for k in range(n):
+        _complete(C, k, Y, solids, surface, materials)
+
+
+@inner
+def _rim(Y, i, n, q, later):
+    """Return the farthest point along n on the circle about a body's axis through q, turned on by ``later``.
+
+    Where it would travel far, as when the circle becomes flat along n, it stays on the body.
+    """
+    a = roll_axis(Y, i)
+    e = turned(a, later)
+    z = dot(q, a)
+    r = math.sqrt(max(dot(q, q) - z * z, 0.0))
+    p0, p = minus(n, times(dot(n, a), a)), minus(n, times(dot(n, e), e))
+    s0, s = math.sqrt(dot(p0, p0)) + 1e-300, math.sqrt(dot(p, p)) + 1e-300
+    if dot(p0, p) < _AROUND * s0 * s:
+        return turned(plus(times(z, a), times(r / s0, p0)), later)
+    return plus(times(z, e), times(r / s, p))
+
+
+@inner
+def _across(Y, i, d):
+    """Return a rotation vector without its part about the axis of body i."""
+    a = roll_axis(Y, i)
+    return minus(d, times(dot(a, d), a))
+
+
+@inner(noinline=True)
+def levers(C, k, Y, t):
+    """Return the cores' levers at t from now, and how far b's point went from a's along the normal.
+
+    The points stay on their bodies, except that those of lathes do not turn about the axis, and those on rims
+    travel along these.
+    """
+    a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
+    qa, qb = three(C, k, LEVER_A), three(C, k, LEVER_B)
+    axle_a, axle_b = C[k, LATHE_A] > 0.0, C[k, LATHE_B] > 0.0
+    ta, tb = three(Y, a, TILTED if axle_a else TURNED), three(Y, b, TILTED if axle_b else TURNED)
+    da, db = times(t, three(Y, a, SPIN)), times(t, three(Y, b, SPIN))
+    ca = cb = ea = eb = (0.0, 0.0, 0.0)  # the axes' nearest points, at t and at the search
+    if axle_a:
+        ca, ea = turned(roll_arm(Y, a), da), three(Y, a, ARM_BEFORE)
+        da = _across(Y, a, da)
+    if axle_b:
+        cb, eb = turned(roll_arm(Y, b), db), three(Y, b, ARM_BEFORE)
+        db = _across(Y, b, db)
+    ra, rb = turned(qa, plus(ta, da)), turned(qb, plus(tb, db))
+    d = minus(plus(minus(rb, qb), minus(cb, eb)), plus(minus(ra, qa), minus(ca, ea)))
+    if C[k, RIM_B] > 0.0:  # the other body's point goes with it
+        e = minus(_rim(Y, b, times(-1.0, n), turned(qb, tb), db), rb)
+        rb, d = plus(rb, e), plus(d, times(dot(n, e), n))
+        ra = plus(ra, minus(e, times(dot(n, e), n)))
+    elif C[k, RIM_A] > 0.0:
+        e = minus(_rim(Y, a, n, turned(qa, ta), da), ra)
+        ra, d = plus(ra, e), minus(d, times(dot(n, e), n))
+        rb = plus(rb, minus(e, times(dot(n, e), n)))
+    d = plus(d, minus(three(Y, b, MOVED), three(Y, a, MOVED)))
+    return plus(ra, ca), plus(rb, cb), dot(n, d)
+
+
+@inner
+def approach(C, k, Y):
+    """Fill the gap; return the normal speed of b relative to a."""
+    a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
+    ra, rb, d = levers(C, k, Y, 0.0)
+    C[k, GAP] = C[k, GAP0] + d
+    u = plus(three(Y, b, VEL), cross(three(Y, b, SPIN), minus(rb, times(C[k, RHO_B], n))))
+    u = minus(u, plus(three(Y, a, VEL), cross(three(Y, a, SPIN), plus(ra, times(C[k, RHO_A], n)))))
+    return dot(n, u) - C[k, BELT_U]
+
+
+@inner
+def _moments(C, k, J, I, r, Y, i):
+    """Fill lever x directions and the changes of spin that unit impulses make; return the compliances."""
+    n, t1, t2 = three(C, k, NORMAL), three(C, k, TAN1), three(C, k, TAN2)
+    jn, jt, jw = cross(r, n), cross(r, t1), cross(r, t2)
+    i_n, it = symmetric_times(Y, i, IWORLD, jn), symmetric_times(Y, i, IWORLD, jt)
+    iw = symmetric_times(Y, i, IWORLD, jw)
+    write(C, k, J, jn)
+    write(C, k, J + 3, jt)
+    write(C, k, J + 6, jw)
+    write(C, k, I, i_n)
+    write(C, k, I + 3, it)
+    write(C, k, I + 6, iw)
+    return dot(jn, i_n), dot(jt, it), dot(jt, iw), dot(jw, iw)
+
+
+@inner(noinline=True, error_model="numpy")
+def spread(C, k, Y, t):
+    """Fill moments and masses for the points now, and what is missing to their velocities at t from now.
+
+    Impulses act where the points are in the middle of a substep and stop them at its end: thus they do no
+    work on what rolls.
+    """
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    ra, rb, _ = levers(C, k, Y, 0.0)
+    n, more, two = three(C, k, NORMAL), (0.0, 0.0, 0.0), Y[a, IMASS] > 0.0
+    ea = ra
+    if t > 0.0:
+        ea, eb, _ = levers(C, k, Y, t)
+        more = plus(cross(three(Y, b, SPIN), minus(eb, rb)), times(t, cross(three(Y, b, FREE_W), rb)))
+        if two:
+            change = times(t, cross(three(Y, a, FREE_W), ra))
+            more = minus(more, plus(cross(three(Y, a, SPIN), minus(ea, ra)), change))
+    ra, rb = plus(ra, times(C[k, RHO_A], n)), minus(rb, times(C[k, RHO_B], n))
+    if t > 0.0 and C[k, FACE_OF] > 0.0:  # the point slides over a face that turns
+        i = a if C[k, FACE_OF] == 1.0 else b
+        u = plus(three(Y, b, VEL), cross(three(Y, b, SPIN), rb))
+        u = minus(u, plus(three(Y, a, VEL), cross(three(Y, a, SPIN), ra)))
+        more = minus(more, times(2.0 * t, cross(three(Y, i, SPIN), u)))
+    if Y[a, DRIVEN] > 0.0:
+        more = minus(more, cross(three(Y, a, SPIN), plus(ea, times(C[k, RHO_A], n))))
+    given = dot(more, n), dot(more, three(C, k, TAN1)), dot(more, three(C, k, TAN2))
+    write(C, k, SURFACE_U, minus(three(C, k, BELT_U), given))
+    masses(C, k, Y, ra, rb)
+
+
+@inner(error_model="numpy")
+def masses(C, k, Y, ra, rb):
+    """Fill moments and effective masses for levers of the surfaces' points."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    m = Y[a, IMASS] + Y[b, IMASS]
+    nn, tt, tw, ww = _moments(C, k, JB, IB, rb, Y, b)
+    if Y[a, IMASS] > 0.0:
+        na, ta, xa, wa = _moments(C, k, JA, IA, ra, Y, a)
+        nn, tt, tw, ww = nn + na, tt + ta, tw + xa, ww + wa
+    C[k, MASS_N] = 1.0 / (m + nn)
+    k11, k22 = m + tt, m + ww
+    det = 1.0 / (k11 * k22 - tw * tw)
+    C[k, K11], C[k, K12], C[k, K22] = k22 * det, -tw * det, k11 * det
+    C[k, MASS_T] = 1.0 / (0.5 * (k11 + k22) + math.sqrt(0.25 * (k11 - k22) ** 2 + tw * tw))
+
+
+@inner
+def note(first, last, C):
+    """Add the impulses of a group's contacts to those of the whole step."""
+    for k in range(first, last):
+        f = plus(times(C[k, LN], three(C, k, NORMAL)), times(C[k, L1], three(C, k, TAN1)))
+        f = plus(f, times(C[k, L2], three(C, k, TAN2)))
+        write(C, k, IMPULSE, plus(three(C, k, IMPULSE), f))
+
+
+@inner(noinline=True)
+def remember(n, C, Y, search):
+    """Bring contacts to where they are now, for steps that do not search their pair; note their rows."""
+    pairs = search.pairs
+    for k in range(n):
+        a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+        ra, rb, d = levers(C, k, Y, 0.0)
+        C[k, GAP0] += d
+        C[k, SINCE] += Y[a, WAY] + Y[b, WAY]
+        if C[k, LATHE_A] > 0.0:
+            ra = minus(ra, roll_arm(Y, a))
+        if C[k, LATHE_B] > 0.0:
+            rb = minus(rb, roll_arm(Y, b))
+        write(C, k, LEVER_A, ra)
+        write(C, k, LEVER_B, rb)
+        _index(k, C, pairs)
+
+
+@inner
+def _index(k, C, pairs):
+    """Note row k as one of its pair."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    C[k, MODE] = 0.0
+    if pairs[a, b, ROWS] == 0:
+        pairs[a, b, ROW0] = k
+    pairs[a, b, ROWS] += 1
+
+
+@inner
+def forget(n, C, search):
+    """Drop what is known of the rows of the step before, after a search."""
+    for k in range(n):
+        search.pairs[int(C[k, BODY_A]), int(C[k, BODY_B]), ROWS] = 0
+
+
+@inner(noinline=True)
+def store(n, C, Y, out):
+    """Write contacts into rows of `columns.REMEMBERED` floats."""
+    for k in range(n):
+        for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
+            write(out, k, at, three(C, k, of))
+        write(out, k, R_MOMENT, three(C, k, WARM_MOMENT))
+        write(out, k, R_IMPULSE, three(C, k, IMPULSE))
+        for x in range(4):
+            out[k, R_BODY_A + x] = C[k, BODY_A + x]
+        out[k, R_GAP], out[k, R_SINCE] = C[k, GAP0], C[k, SINCE]
+        out[k, R_FACE_OF], out[k, R_FACE_OF + 1], out[k, R_FACE_OF + 2] = (
+            C[k, FACE_OF],
+            C[k, RIM_A],
+            C[k, RIM_B],
+        )
+        b, n_ = int(C[k, BODY_B]), three(C, k, NORMAL)
+        r = three(C, k, LEVER_B)
+        if C[k, LATHE_B] > 0.0:
+            r = plus(r, roll_arm(Y, b))
+        r = minus(r, times(C[k, RHO_B] + 0.5 * C[k, GAP0], n_))
+        write(out, k, R_POINT, plus(three(Y, b, CENTRE), r))
+
+
+@inner(noinline=True)
+def restore(n, rows, C, Y, solids, surface, materials, search):
+    """Read contacts from rows that `store` has written."""
+    for k in range(n):
+        for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
+            write(C, k, of, three(rows, k, at))
+        write(C, k, WARM_MOMENT, three(rows, k, R_MOMENT))
+        for x in range(4):
+            C[k, BODY_A + x] = rows[k, R_BODY_A + x]
+        C[k, GAP0], C[k, SINCE] = rows[k, R_GAP], rows[k, R_SINCE]
+        C[k, FACE_OF], C[k, RIM_A], C[k, RIM_B] = (
+            rows[k, R_FACE_OF],
+            rows[k, R_FACE_OF + 1],
+            rows[k, R_FACE_OF + 2],
+        )
+        _complete(C, k, Y, solids, surface, materials)
+        write(C, k, IMPULSE, three(rows, k, R_IMPULSE))
+        _index(k, C, search.pairs)

@@ -1,0 +1,255 @@
+"""Direct solution of small groups whose masses differ much, where sweeps converge too slowly.
+
+The contacts' states (open, sticking, sliding) are those of the sweeps at first, and change until none
+contradicts its impulses.
+"""
+
+import math
+
+from ...compiler import inner
+from ...spatial.vectors import dot, minus, three
+from .columns import (
+    BEFORE,
+    BODY_A,
+    BODY_B,
+    GAP,
+    IA,
+    IB,
+    IMASS,
+    JA,
+    JB,
+    L1,
+    L2,
+    LN,
+    MODE,
+    MU,
+    NORMAL,
+    PUSH_V,
+    PUSH_W,
+    SPIN,
+    SURFACE_U,
+    UNKNOWNS,
+    VEL,
+)
+from .motion import write
+from .solve import HOLDS, closing, kick
+
+OPEN, STICKS, SLIDES = 0.0, 1.0, 2.0  # MODE of a contact in the direct solution
+_STICKING = 0.999  # share of the cone below which a contact begins as sticking
+_ROUNDS = 30  # changes of states until it gives up
+_REGULAR = 1e-8  # relative increase of the diagonal: more contacts than a rigid body needs
+_PULL, _ABOVE, _CLOSES = 1e-9, 1e-9, 1e-7  # round-off of impulses, of the cone, of speeds [m/s]
+
+
+@inner
+def _effect(C, j, k, x, y, Y):
+    """Return the speed along direction x at contact j by a unit impulse along direction y at contact k."""
+    aj, bj, ak, bk = int(C[j, BODY_A]), int(C[j, BODY_B]), int(C[k, BODY_A]), int(C[k, BODY_B])
+    g, d = 0.0, dot(three(C, j, 3 * x), three(C, k, 3 * y))
+    if bj == bk:
+        g += d * Y[bj, IMASS] + dot(three(C, j, JB + 3 * x), three(C, k, IB + 3 * y))
+    if aj == ak and Y[aj, IMASS] > 0.0:
+        g += d * Y[aj, IMASS] + dot(three(C, j, JA + 3 * x), three(C, k, IA + 3 * y))
+    if bj == ak:
+        g -= d * Y[bj, IMASS] + dot(three(C, j, JB + 3 * x), three(C, k, IA + 3 * y))
+    if aj == bk:
+        g -= d * Y[aj, IMASS] + dot(three(C, j, JA + 3 * x), three(C, k, IB + 3 * y))
+    return g
+
+
+@inner
+def _along(C, k):
+    """Return the tangential impulse of a contact."""
+    return math.sqrt(C[k, L1] * C[k, L1] + C[k, L2] * C[k, L2])
+
+
+@inner
+def _slip(C, k, x, Y):
+    """Return the speed of b relative to a along a tangent, 1 or 2."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    u = dot(three(C, k, NORMAL + 3 * x), minus(three(Y, b, VEL), three(Y, a, VEL))) - C[k, SURFACE_U + x]
+    u += dot(three(C, k, JB + 3 * x), three(Y, b, SPIN))
+    return u - dot(three(C, k, JA + 3 * x), three(Y, a, SPIN)) if Y[a, IMASS] > 0.0 else u
+
+
+@inner(noinline=True, error_model="numpy")
+def _violation(first, last, C, Y, h):
+    """Return the largest speed that contradicts the impulses.
+
+    Contacts that hold neither close nor part, others do not close too fast; what sticks does not slip, and
+    what slides does not slip along its friction.
+    """
+    most = 0.0
+    for k in range(first, last):
+        u = closing(Y, C, k) + max(C[k, GAP], 0.0) / h
+        most = max(most, abs(u) if C[k, LN] > 0.0 else -u)
+        if C[k, LN] > 0.0 and C[k, MU] > 0.0:
+            x, y, t = _slip(C, k, 1, Y), _slip(C, k, 2, Y), _along(C, k)
+            if t < _STICKING * C[k, MU] * C[k, LN]:
+                most = max(most, math.sqrt(x * x + y * y))
+            else:
+                most = max(most, (x * C[k, L1] + y * C[k, L2]) / t)
+    return most
+
+
+@inner
+def _number(first, last, C, A):
+    """Number the unknowns: three of a contact that sticks, one of one that slides; return how many."""
+    m = 0
+    for k in range(first, last):
+        if C[k, MODE] != OPEN:
+            A[UNKNOWNS, k - first] = m
+            m += 3 if C[k, MODE] == STICKS else 1
+    return m
+
+
+@inner(noinline=True, error_model="numpy")
+def _equations(first, last, C, Y, h, A):
+    """Fill matrix and right side: speeds at the contacts are to vanish, or to close the gap within h."""
+    for j in range(first, last):
+        if C[j, MODE] == OPEN:
+            continue
+        r, a, b = int(A[UNKNOWNS, j - first]), int(C[j, BODY_A]), int(C[j, BODY_B])
+        w = minus(three(Y, b, VEL), three(Y, a, VEL))
+        for x in range(3 if C[j, MODE] == STICKS else 1):
+            u = dot(three(C, j, 3 * x), w) + dot(three(C, j, JB + 3 * x), three(Y, b, SPIN))
+            u -= C[j, SURFACE_U + x]
+            if Y[a, IMASS] > 0.0:
+                u -= dot(three(C, j, JA + 3 * x), three(Y, a, SPIN))
+            if x == 0:
+                u += max(C[j, GAP], 0.0) / h
+            A[r + x, UNKNOWNS] = -u
+            for k in range(first, last):
+                if C[k, MODE] == OPEN:
+                    continue
+                c = int(A[UNKNOWNS, k - first])
+                if C[k, MODE] == STICKS:
+                    for y in range(3):
+                        A[r + x, c + y] = _effect(C, j, k, x, y, Y)
+                else:
+                    t = _along(C, k) + 1e-300
+                    slip = C[k, L1] * _effect(C, j, k, x, 1, Y) + C[k, L2] * _effect(C, j, k, x, 2, Y)
+                    A[r + x, c] = _effect(C, j, k, x, 0, Y) + C[k, MU] / t * slip
+            A[r + x, r + x] *= 1.0 + _REGULAR
+
+
+@inner(noinline=True, error_model="numpy")
+def _gauss(m, A):
+    """Solve m equations with pivots; the right side, the last column, becomes the solution."""
+    for c in range(m):
+        p = c
+        for r in range(c + 1, m):
+            if abs(A[r, c]) > abs(A[p, c]):
+                p = r
+        if p != c:
+            for x in range(m):
+                A[p, x], A[c, x] = A[c, x], A[p, x]
+            A[p, UNKNOWNS], A[c, UNKNOWNS] = A[c, UNKNOWNS], A[p, UNKNOWNS]
+        for r in range(c + 1, m):
+            f = A[r, c] / (A[c, c] + 1e-300)
+            if f != 0.0:
+                for x in range(c, m):
+                    A[r, x] -= f * A[c, x]
+                A[r, UNKNOWNS] -= f * A[c, UNKNOWNS]
+    for c in range(m - 1, -1, -1):
+        for x in range(c + 1, m):
+            A[c, UNKNOWNS] -= A[c, x] * A[x, UNKNOWNS]
+        A[c, UNKNOWNS] /= A[c, c] + 1e-300
+
+
+@inner
+def _take(first, last, C, A):
+    """Read the impulses from the solution; return the largest along a normal."""
+    most = 1e-12
+    for k in range(first, last):
+        if C[k, MODE] == OPEN:
+            write(C, k, LN, (0.0, 0.0, 0.0))
+            continue
+        r = int(A[UNKNOWNS, k - first])
+        ln = A[r, UNKNOWNS]
+        if C[k, MODE] == STICKS:
+            write(C, k, LN, (ln, A[r + 1, UNKNOWNS], A[r + 2, UNKNOWNS]))
+        else:
+            share = max(C[k, MU] * ln, 1e-30) / (_along(C, k) + 1e-300)
+            write(C, k, LN, (ln, C[k, L1] * share, C[k, L2] * share))
+        most = max(most, abs(ln))
+    return most
+
+
+@inner
+def _apply(first, last, C, Y, share):
+    """Apply a share of all impulses to the velocities."""
+    for k in range(first, last):
+        kick(Y, C, k, share * C[k, LN], share * C[k, L1], share * C[k, L2])
+
+
+@inner(noinline=True)
+def _revise(first, last, C, Y, h, most):
+    """Change the states that the impulses contradict; return whether any had to change.
+
+    All beyond their cones slide, and the one that pulls most opens; if none pulls, the open one that closes
+    fastest sticks.
+    """
+    changed, pull, worst = False, -_PULL * most, -1
+    for k in range(first, last):
+        if C[k, MODE] != OPEN and C[k, LN] < pull:
+            pull, worst = C[k, LN], k
+        elif C[k, MODE] == STICKS and _along(C, k) > C[k, MU] * C[k, LN] * (1.0 + _ABOVE):
+            C[k, MODE] = SLIDES
+            changed = True
+    if worst >= 0:
+        C[worst, MODE] = OPEN
+        return True
+    _apply(first, last, C, Y, 1.0)
+    fast = -_CLOSES
+    for k in range(first, last):
+        if C[k, MODE] == OPEN:
+            u = closing(Y, C, k) + max(C[k, GAP], 0.0) / h
+            if u < fast:
+                fast, worst = u, k
+    _apply(first, last, C, Y, -1.0)
+    if worst >= 0:
+        C[worst, MODE] = STICKS
+        changed = True
+    return changed
+
+
+@inner(noinline=True, error_model="numpy")
+def solve_directly(first, last, C, Y, h, A):
+    """Solve the contacts of a small group exactly; return 1 if that settled.
+
+    Otherwise, or where the sweeps were better, impulses and velocities stay as the sweeps left them.
+    """
+    swept = _violation(first, last, C, Y, h)
+    for k in range(first, last):  # PUSH_V and PUSH_W keep the velocities, BEFORE the impulses
+        for i in (int(C[k, BODY_A]), int(C[k, BODY_B])):
+            write(Y, i, PUSH_V, three(Y, i, VEL))
+            write(Y, i, PUSH_W, three(Y, i, SPIN))
+        write(C, k, BEFORE, three(C, k, LN))
+    for k in range(first, last):
+        sticks = _along(C, k) < _STICKING * C[k, MU] * C[k, LN]
+        C[k, MODE] = OPEN if C[k, LN] <= 0.0 else (STICKS if sticks else SLIDES)
+    _apply(first, last, C, Y, -1.0)
+    settled = 0
+    for _ in range(_ROUNDS):
+        m = _number(first, last, C, A)
+        _equations(first, last, C, Y, h, A)
+        _gauss(m, A)
+        if not _revise(first, last, C, Y, h, _take(first, last, C, A)):
+            settled = 1
+            break
+    for k in range(first, last):  # within the cones
+        C[k, MODE] = HOLDS
+        ln, t = max(C[k, LN], 0.0), _along(C, k)
+        top = C[k, MU] * ln
+        share = 1.0 if t <= top else top / t
+        write(C, k, LN, (ln, share * C[k, L1], share * C[k, L2]))
+    _apply(first, last, C, Y, 1.0)
+    if settled == 0 or not _violation(first, last, C, Y, h) <= swept:
+        settled = 0
+        for k in range(first, last):
+            write(C, k, LN, three(C, k, BEFORE))
+            for i in (int(C[k, BODY_A]), int(C[k, BODY_B])):
+                write(Y, i, VEL, three(Y, i, PUSH_V))
+                write(Y, i, SPIN, three(Y, i, PUSH_W))
+    return settled

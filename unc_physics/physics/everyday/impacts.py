@@ -1,0 +1,171 @@
+"""Impacts: Newton's restitution and Coulomb's friction over the contacts of a pair, pair by pair."""
+
+import math
+
+import numpy as np
+
+from ...compiler import inner
+from ...spatial.random import combine, mix
+from ...spatial.rotation import cross
+from ...spatial.vectors import dot, minus, plus, three, times
+from .columns import (
+    BODY_A,
+    BODY_B,
+    BOUNCE,
+    DIRECTION_ERROR,
+    GAP,
+    IMPACT_SWEEPS,
+    IMPACT_VISITS,
+    IMPACTS,
+    IMPACTS_MOST,
+    LN,
+    MODE,
+    MOMENT,
+    MU,
+    MU0,
+    MU_ERROR,
+    NEAR,
+    NORMAL,
+    PART,
+    POINT_ERROR,
+    REBOUND,
+    RHO_A,
+    RHO_B,
+    SAVED,
+    SLIPPERINESS,
+    SLOW,
+    STEP_NUMBER,
+    STRUCK,
+    SURFACE_A,
+    SURFACE_B,
+    SURFACE_U,
+    TOLERANCE,
+    E,
+)
+from .contacts import levers, masses, note, spread
+from .motion import write
+from .solve import HOLDS, PARTS, WAITS, closing, sweep
+
+_TO_UNIT = 2.0**-53
+_S11, _ONE = np.uint64(11), np.uint64(1)
+_PARTS_OF_A_STEP = 64  # at most, between which rollouts release bodies
+
+
+@inner
+def bouncing(C, k):
+    """Return the closing speed from which a contact rebounds: the more elastic, the slower."""
+    return BOUNCE * max(1.0 - C[k, E], 0.01)
+
+
+@inner
+def landing(C, k):
+    """Return the closing speed from which a contact has an impact."""
+    return min(SLOW, bouncing(C, k))
+
+
+@inner
+def _normals(key, number):
+    """Return two independent standard normal numbers for a key (Box-Muller)."""
+    a, b = mix(combine(key, 2 * number)), mix(combine(key, 2 * number + 1))
+    size = math.sqrt(-2.0 * math.log(np.float64((a >> _S11) + _ONE) * _TO_UNIT))
+    angle = 2.0 * math.pi * np.float64(b >> _S11) * _TO_UNIT
+    return size * math.cos(angle), size * math.sin(angle)
+
+
+@inner
+def _rotated(v, d):
+    """Return a vector rotated by a rotation vector."""
+    angle = math.sqrt(dot(d, d))
+    if angle == 0.0:
+        return v
+    e = times(1.0 / angle, d)
+    c = math.cos(angle)
+    along = plus(times(c, v), times((1.0 - c) * dot(e, v), e))
+    return plus(along, times(math.sin(angle), cross(e, v)))
+
+
+@inner(noinline=True)
+def _disturb(first, last, C, Y, par, key):
+    """Turn the directions of a pair's impact, shift its points and scale its friction by random errors.
+
+    They depend on rollout, step, pair and the number of the pair's impact in the step only.
+    """
+    i, j = int(C[first, SURFACE_A]), int(C[first, SURFACE_B])
+    own = combine(combine(key, int(par[STEP_NUMBER]) * _PARTS_OF_A_STEP + int(par[PART])), min(i, j))
+    own = combine(combine(own, max(i, j)), int(C[first, STRUCK]))
+    x, y = _normals(own, 0)
+    z, p = _normals(own, 1)
+    q, r = _normals(own, 2)
+    f, _ = _normals(own, 3)
+    turn, shift = times(par[DIRECTION_ERROR], (x, y, z)), times(par[POINT_ERROR], (p, q, r))
+    for k in range(first, last):
+        ra, rb, _ = levers(C, k, Y, 0.0)
+        n = three(C, k, NORMAL)
+        along = minus(shift, times(dot(n, shift), n))
+        ra = plus(plus(ra, times(C[k, RHO_A], n)), along)
+        rb = plus(minus(rb, times(C[k, RHO_B], n)), along)
+        given = (0.0, 0.0, 0.0)
+        for at in range(3):
+            d = three(C, k, NORMAL + 3 * at)
+            given = plus(given, times(C[k, SURFACE_U + at], d))
+            write(C, k, SAVED + 3 * at, d)
+            write(C, k, NORMAL + 3 * at, _rotated(d, turn))
+        for at in range(3):
+            C[k, SURFACE_U + at] = dot(given, three(C, k, NORMAL + 3 * at))
+        masses(C, k, Y, ra, rb)
+        C[k, MU] *= math.exp(par[MU_ERROR] * f)
+
+
+@inner
+def _restore(first, last, C, Y):
+    """Undo `_disturb`."""
+    for k in range(first, last):
+        for at in range(9):
+            C[k, NORMAL + at] = C[k, SAVED + at]
+        spread(C, k, Y, 0.0)
+
+
+@inner
+def _strike(C, k, Y, par):
+    """Prepare a contact for an impact: the rebound wanted, and friction, which is less at speed."""
+    u = closing(Y, C, k)
+    write(C, k, LN, (0.0, 0.0, 0.0))
+    write(C, k, MOMENT, (0.0, 0.0, 0.0))
+    C[k, MODE] = PARTS if C[k, GAP] < NEAR else WAITS
+    C[k, REBOUND] = -C[k, E] * u if u < -bouncing(C, k) else 0.0
+    C[k, MU] /= 1.0 + par[SLIPPERINESS] * max(-u, 0.0)
+
+
+@inner(noinline=True)
+def impacts(start, end, C, Y, par, key, count):
+    """Let pairs that touch and close fast rebound, one after another, until none does."""
+    errors = par[DIRECTION_ERROR] > 0.0 or par[POINT_ERROR] > 0.0 or par[MU_ERROR] > 0.0
+    for _ in range(IMPACTS_MOST):
+        again, first = False, start
+        while first < end:
+            last, hit = first, False
+            while last < end and C[last, BODY_A] == C[first, BODY_A] and C[last, BODY_B] == C[first, BODY_B]:
+                hit = hit or (C[last, GAP] < NEAR and closing(Y, C, last) < -landing(C, last))
+                last += 1
+            if hit:
+                again = True
+                count[IMPACTS] += 1
+                if errors:
+                    _disturb(first, last, C, Y, par, key)
+                for k in range(first, last):
+                    _strike(C, k, Y, par)
+                for _sweep in range(IMPACT_SWEEPS):
+                    count[IMPACT_VISITS] += last - first
+                    if sweep(first, last, C, Y, 1.0) < 0.1 * TOLERANCE:
+                        break
+                note(first, last, C)
+                for k in range(first, last):
+                    C[k, MU] = C[k, MU0]
+                    C[k, STRUCK] += 1.0
+                if errors:
+                    _restore(first, last, C, Y)
+            first = last
+        if not again:
+            break
+    for k in range(start, end):
+        C[k, MODE] = HOLDS

@@ -1,0 +1,435 @@
+"""Rollouts of the step: batches of states, recorded at stops, with a memory of their contacts."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...compiler import inner, kernel
+from ...compiler.arrays import empty, integers, zeros
+from ...compiler.threads import in_threads
+from ...dynamics.actions import Actions
+from ...spatial.layout import STATE as STATE_SIZE
+from ...spatial.vectors import dot, minus, three, times
+from .columns import (
+    ARM,
+    AXIS,
+    BODY,
+    BODY_A,
+    BODY_B,
+    CENTRE,
+    COLS,
+    COUNTS,
+    FRAME,
+    GRAVITY,
+    GROUPS,
+    IBODY,
+    IMASS,
+    INERTIA,
+    OFFSET,
+    OWN_IMASS,
+    PART,
+    QUIET,
+    R_BODY_A,
+    R_GAP,
+    R_IMPULSE,
+    R_NORMAL,
+    R_POINT,
+    RADIUS,
+    REMEMBERED,
+    ROW0,
+    ROWS,
+    STATE,
+    STEP_NUMBER,
+    UNKNOWNS,
+)
+from .contacts import restore, store
+from .drives import next_change
+from .motion import pose, write
+from .search import FULL, Solids, forget_all, place, search_scratch
+from .step import Own, Work, note_contacts, take_step
+
+_FEW_STEPS = 400  # body steps, over all rollouts, that take less time than starting another thread
+FIRST_ROOM = 12  # contacts for each body at first; more are made room for when a step needs them
+_FIRST_LISTS = 64  # rows of the search's lists at first, likewise
+
+
+class EverydayWorld(NamedTuple):
+    """A scene without its state, of B bodies, E elements of the environment and S = B + E materials.
+
+    Attributes
+    ----------
+    bodies : (nb, BODY) float64
+        Rows of `columns`: the bodies, the ground, and each element that tilts.
+    pieces, rows : float64
+        As in `shapes.columns`; owners are rows of ``bodies``.
+    spots : (n, SPOT) float64
+    par : (SETTINGS,) float64
+    actions : Actions
+    count : int
+        B.
+    dt : float
+        [s].
+    start : float
+        Time at which step 0 would begin [s].
+    stop : (1,) int64
+        Kernels stop early when this is nonzero; their states are then invalid (`compiler.time_limit`).
+    """
+
+    bodies: np.ndarray
+    pieces: np.ndarray
+    rows: np.ndarray
+    spots: np.ndarray
+    par: np.ndarray
+    actions: Actions
+    count: int
+    dt: float
+    start: float
+    stop: np.ndarray
+
+
+class Variation(NamedTuple):
+    """Parameters of M rollouts; with M = 1 all rollouts share them.
+
+    Attributes
+    ----------
+    materials : (M, 4, S) float64
+        Friction, restitution, torsional and rolling friction.
+    mass : (M, B) float64
+        Factors.
+    offset : (M, B, 3) float64
+        Centres of mass in the pieces' axes [m].
+    gravity : (M, 3) float64
+    frames : (M, T, 12) float64
+        Frames of the elements that tilt.
+    held : (M, B, 2) float64
+        Times of attachment and release [s].
+    shift : (M, B, 7) float64
+        Displacement and rotation of paths.
+    """
+
+    materials: np.ndarray
+    mass: np.ndarray
+    offset: np.ndarray
+    gravity: np.ndarray
+    frames: np.ndarray
+    held: np.ndarray
+    shift: np.ndarray
+
+
+class ContactMemory(NamedTuple):
+    """What N rollouts remember of their contacts from step to step.
+
+    Attributes
+    ----------
+    contact : (N, K, REMEMBERED) float64
+        Contacts of the last step, with columns as in `columns`.
+    count : (N,) int64
+        Number of these contacts.
+    quiet : (N, B) float64
+        Time for which each body has been at rest [s].
+    key : (N,) uint64
+        Keys for random errors of impacts.
+    """
+
+    contact: np.ndarray
+    count: np.ndarray
+    quiet: np.ndarray
+    key: np.ndarray
+
+
+def fresh_memory(count: int, bodies: int) -> ContactMemory:
+    """Return the memory of new rollouts."""
+    return ContactMemory(
+        np.zeros((count, 0, REMEMBERED)),
+        np.zeros(count, np.int64),
+        np.zeros((count, bodies)),
+        np.zeros(count, np.uint64),
+    )
+
+
+class Contacts(NamedTuple):
+    """Contacts of one rollout's last step.
+
+    Attributes
+    ----------
+    pair : (n, 2) int64
+        Bodies a and b; for an element of the environment the number of bodies.
+    point : (n, 3) array
+        Middle of the gap, world frame [m].
+    normal : (n, 3) array
+        Unit vector from a to b.
+    gap : (n,) array
+        [m]; below zero: depth.
+    impulse : (n, 3) array
+        Impulse on b in the last step, world frame [N s]; the one on a is opposite.
+    """
+
+    pair: np.ndarray
+    point: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    impulse: np.ndarray
+
+
+def contacts_of(memory: ContactMemory, rollout: int) -> Contacts:
+    """Return the contacts of a rollout's last step as data."""
+    rows = memory.contact[rollout, : memory.count[rollout]]
+    return Contacts(
+        rows[:, R_BODY_A : R_BODY_A + 2].astype(np.int64),
+        rows[:, R_POINT : R_POINT + 3],
+        rows[:, R_NORMAL : R_NORMAL + 3],
+        rows[:, R_GAP],
+        rows[:, R_IMPULSE : R_IMPULSE + 3],
+    )
+
+
+class _Result(NamedTuple):
+    """States, first contacts and memory of N rollouts at T stops."""
+
+    states: np.ndarray  # (T, N, B, 13)
+    first_time: np.ndarray  # (T, N, B, B + E) float32
+    contact: np.ndarray  # (T, N, K, REMEMBERED)
+    count: np.ndarray  # (T, N) int64
+    quiet: np.ndarray  # (T, N, B)
+
+
+@kernel
+def _work(world, room, lists, count):
+    """Return new arrays for a rollout to work with, with room for contacts and rows of lists."""
+    spots = empty(world.spots.shape)
+    for k in range(len(spots)):
+        for x in range(spots.shape[1]):
+            spots[k, x] = world.spots[k, x]
+    bodies = len(world.bodies)
+    return Work(
+        empty((bodies, BODY)),
+        zeros((room, COLS)),
+        zeros((room, COLS)),
+        integers((GROUPS, bodies + 2)),
+        empty((UNKNOWNS + 1, UNKNOWNS + 1)),
+        empty((4, STATE_SIZE)),
+        Solids(world.pieces, world.rows, spots),
+        search_scratch(bodies, lists),
+        count,
+    )
+
+
+@kernel
+def _larger(before, world, old):
+    """Return arrays with more room, with the bodies and the ``before`` contacts of old ones."""
+    new = _work(world, 2 * len(old.C), 2 * len(old.search.near), old.count)
+    for i in range(len(old.Y)):
+        for x in range(BODY):
+            new.Y[i, x] = old.Y[i, x]
+        place(i, new.Y, new.solids)
+    pairs = new.search.pairs
+    for k in range(before):
+        for x in range(COLS):
+            new.C[k, x] = old.C[k, x]
+        a, b = int(new.C[k, BODY_A]), int(new.C[k, BODY_B])
+        if pairs[a, b, ROWS] == 0:
+            pairs[a, b, ROW0] = k
+        pairs[a, b, ROWS] += 1
+    return new
+
+
+@inner(noinline=True, error_model="numpy")
+def _load(x, rows, contacts, quiet, m, world, variation, own, work):
+    """Begin a rollout, or go on with one, from its state and memory; ``m`` is its row in the variation."""
+    Y, B = work.Y, world.count
+    forget_all(work.search)
+    for i in range(len(Y)):
+        for c in range(BODY):
+            Y[i, c] = world.bodies[i, c]
+    for i in range(B):
+        for c in range(STATE_SIZE):
+            Y[i, STATE + c] = x[i, c]
+        factor = variation.mass[m, i]
+        Y[i, OWN_IMASS] /= factor
+        Y[i, IMASS] = Y[i, OWN_IMASS]
+        for c in range(6):
+            Y[i, INERTIA + c] *= factor
+            Y[i, IBODY + c] /= factor
+        offset = three(variation.offset[m], i, 0)
+        write(Y, i, OFFSET, offset)
+        Y[i, RADIUS] += math.sqrt(dot(offset, offset))
+        arm, axis = minus(three(Y, i, ARM), offset), three(Y, i, AXIS)
+        write(Y, i, ARM, minus(arm, times(dot(arm, axis), axis)))
+        Y[i, QUIET] = quiet[i]
+        pose(Y, i)
+    tilted = variation.frames[m]
+    for k in range(len(tilted)):
+        i = len(Y) - len(tilted) + k
+        for c in range(12):
+            Y[i, FRAME + c] = tilted[k, c]
+        write(Y, i, CENTRE, three(tilted, k, 0))
+    for i in range(len(Y)):
+        place(i, Y, work.solids)
+    for c in range(3):
+        own.par[GRAVITY + c] = variation.gravity[m, c]
+    restore(contacts, rows, work.C, Y, work.solids, world.actions.surface, own.materials, work.search)
+
+
+@inner
+def _save(n, x, rows, quiet, world, work):
+    """Write a rollout's state and memory."""
+    for i in range(world.count):
+        for c in range(STATE_SIZE):
+            x[i, c] = work.Y[i, STATE + c]
+        quiet[i] = work.Y[i, QUIET]
+    store(n, work.C, work.Y, rows)
+
+
+@kernel
+def _step_through(contacts, number, begin, end, first_time, world, own, work):
+    """Take a step in parts between which bodies are attached or released; return contacts and arrays."""
+    now, part = begin, 0
+    while now < end:
+        then = next_change(now, end, world.actions, own.held)
+        own.par[STEP_NUMBER], own.par[PART] = number, part
+        n = take_step(contacts, world.count, now, then, number == 0, world.actions, own, work)
+        while n == FULL:
+            work = _larger(contacts, world, work)
+            n = take_step(contacts, world.count, now, then, number == 0, world.actions, own, work)
+        contacts = n
+        note_contacts(n, world.count, end, work.C, first_time)
+        now, part = then, part + 1
+    return contacts, work
+
+
+@kernel
+def advance(states, first_time, memory, world, variation, place_in, begin, stops, result, count):
+    """Advance N rollouts and record them at stops; return the most contacts that one of them remembers.
+
+    If that is more than the result has room for, the result is invalid. ``place_in`` is the number of the
+    first rollout in the variation.
+    """
+    B, most, room = world.count, 0, result.contact.shape[2]
+    work = _work(world, max(FIRST_ROOM * B + 2 * 32, memory.contact.shape[1] + 64), _FIRST_LISTS, count)
+    kept_x, kept_quiet, kept_rows = empty((B, STATE_SIZE)), empty(B), empty((room, REMEMBERED))
+    kept_first = np.empty(first_time.shape[1:], np.float32)
+    par = empty(len(world.par))
+    for n in range(len(states)):
+        m = min(place_in + n, len(variation.mass) - 1)
+        for c in range(len(par)):
+            par[c] = world.par[c]
+        own = Own(
+            par, variation.materials[m], variation.held[m], variation.shift[m], zeros((B, 7)), memory.key[n]
+        )
+        contacts = memory.count[n]
+        if contacts > len(work.C):
+            work = _work(world, 2 * contacts, len(work.search.near), count)
+        _load(states[n], memory.contact[n], contacts, memory.quiet[n], m, world, variation, own, work)
+        for i in range(B):
+            for c in range(first_time.shape[2]):
+                kept_first[i, c] = first_time[n, i, c]
+        done = 0
+        for t in range(len(stops.steps)):
+            while done < stops.steps[t]:
+                at = world.start + (begin + done) * world.dt
+                contacts, work = _step_through(
+                    contacts, begin + done, at, at + world.dt, kept_first, world, own, work
+                )
+                done += 1
+                if world.stop[0] != 0:
+                    return most
+            most = max(most, contacts)
+            if most > room:
+                return most
+            x, rows, quiet = result.states[t, n], result.contact[t, n], result.quiet[t, n]
+            first = result.first_time[t, n]
+            _save(contacts, x, rows, quiet, world, work)
+            result.count[t, n] = contacts
+            for i in range(B):
+                for c in range(first.shape[1]):
+                    first[i, c] = kept_first[i, c]
+            if stops.rest[t] > 0.0:  # a shorter step, from which nothing goes on
+                _save(contacts, kept_x, kept_rows, kept_quiet, world, work)
+                at = world.start + (begin + done) * world.dt
+                short, work = _step_through(
+                    contacts, begin + done, at, at + stops.rest[t], first, world, own, work
+                )
+                most = max(most, short)
+                if most > room:
+                    return most
+                _save(short, x, rows, quiet, world, work)
+                result.count[t, n] = short
+                _load(kept_x, kept_rows, contacts, kept_quiet, m, world, variation, own, work)
+    return most
+
+
+def recorded(states, first_time, memory, world, variation, begin, stops):
+    """Return states, first contacts and memory of rollouts at each of several stops.
+
+    Parameters
+    ----------
+    states : (N, B, 13) float64
+    first_time : (N, B, B + E) float32
+    memory : ContactMemory
+    world : EverydayWorld
+    variation : Variation
+    begin : int
+        Number of steps done before.
+    stops : Stops
+        As in `dynamics.implicit_rollout`.
+
+    Returns
+    -------
+    list of (states, first_time, memory)
+        The given arrays do not change.
+    """
+    stops = stops._replace(steps=np.asarray(stops.steps, np.int64), rest=np.asarray(stops.rest, float))
+    found = {}
+
+    def run(some):
+        room = max(memory.contact.shape[1], FIRST_ROOM * states.shape[1])
+        own = ContactMemory(*(values[some] for values in memory))
+        while True:
+            result = _empty_result(states[some], first_time[some], len(stops.steps), room)
+            needed = advance(
+                states[some],
+                first_time[some],
+                own,
+                world,
+                variation,
+                some.start,
+                begin,
+                stops,
+                result,
+                np.zeros(COUNTS, np.int64),
+            )
+            if needed <= room:
+                break
+            room = 2 * needed
+        found[some.start] = result._replace(contact=result.contact[:, :, : max(needed, 1)].copy())
+
+    each = max(states.shape[1] * (int(stops.steps[-1]) + len(stops.steps)), 1)
+    if len(states) * each <= _FEW_STEPS:
+        run(slice(0, len(states)))
+    else:
+        in_threads(len(states), run, fewest=_FEW_STEPS // each)
+    parts = [found[start] for start in sorted(found)]
+    rows = max(part.contact.shape[2] for part in parts)
+    parts = [part._replace(contact=_with_rows(part.contact, rows)) for part in parts]
+    all_of = [np.concatenate(values, axis=1) for values in zip(*parts, strict=True)]
+    return [
+        (x, first, ContactMemory(contact, count, quiet, memory.key))
+        for x, first, contact, count, quiet in zip(*all_of, strict=True)
+    ]
+
+
+def _empty_result(states, first_time, stops, room):
+    count, bodies = states.shape[:2]
+    return _Result(
+        np.empty((stops, *states.shape)),
+        np.empty((stops, *first_time.shape), np.float32),
+        np.zeros((stops, count, room, REMEMBERED)),
+        np.zeros((stops, count), np.int64),
+        np.empty((stops, count, bodies)),
+    )
+
+
+def _with_rows(contact, rows):
+    """Return remembered contacts (T, N, K, REMEMBERED), padded with zeros to K = rows."""
+    return np.pad(contact, ((0, 0), (0, 0), (0, rows - contact.shape[2]), (0, 0)))

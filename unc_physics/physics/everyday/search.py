@@ -1,0 +1,536 @@
+"""The search: which pieces of which bodies may touch within a step.
+
+For each pair of bodies that come near each other a list of their pieces that may meet soon is kept until the
+bodies have travelled too far. What is kept from step to step only saves work: it never changes what is found,
+except for the contacts themselves, so that a rollout that is cut in two gives the same bits.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...compiler import inner, kernel
+from ...compiler.arrays import empty, integers, zeros
+from ...shapes.columns import (
+    CENTER,
+    CONTACT,
+    FIRST_POINT,
+    HALF_EXTENT,
+    HALF_SPACE,
+    KIND,
+    LAST_POINT,
+    NO_FACE,
+    POLYGON,
+)
+from ...shapes.columns import RADIUS as PIECE_RADIUS
+from ...shapes.manifold import contacts_of_pieces, manifold_of_pieces, reduce, write_contact
+from ...shapes.nearest import half_space, nearest
+from ...shapes.support import gap_along, unit
+from ...spatial.rotation import cross
+from ...spatial.vectors import dot, minus, plus, three, times
+from .columns import (
+    ACCEL,
+    CENTRE,
+    DEEPER,
+    DRIFT,
+    DRIVEN,
+    FACES,
+    FIRST,
+    FRAME,
+    GAP0,
+    GHOST,
+    HALF,
+    IMASS,
+    L_A,
+    L_B,
+    L_CLEAR,
+    L_HOLDS,
+    L_KEY,
+    L_NUMBER,
+    L_PARTED,
+    LAST,
+    LIST,
+    LISTS,
+    MARGIN,
+    MIDDLE,
+    MOST,
+    N_A,
+    N_B,
+    N_ENTRY,
+    N_GAP,
+    N_HOW,
+    N_NORMAL,
+    N_P,
+    N_Q,
+    N_REACH,
+    NEARS,
+    NORMAL,
+    OTHERS,
+    OWN,
+    PAIR,
+    PARTED,
+    PIECE_A,
+    PIECE_B,
+    RADIUS,
+    REACH,
+    ROT,
+    SEARCHES,
+    SOME,
+    SPIN,
+    SURE,
+    SURGE,
+    TRAVEL,
+    VEL,
+    WHERE,
+)
+from .motion import back, turn, write
+
+FULL = -1  # instead of a number: there was no room for all
+_ALIKE = 2e-4  # 1 - cosine of normals of which one stands for both (1.1 degrees)
+
+_LEANS = 0.05  # m/s, speed from which contacts are chosen for what slides: sliding stops within 3 mm
+
+
+class Solids(NamedTuple):
+    """Pieces of all bodies (`shapes.columns`), and what a step adds to each (`columns.SPOT`)."""
+
+    pieces: np.ndarray
+    rows: np.ndarray
+    spots: np.ndarray
+
+
+class Search(NamedTuple):
+    """What the search works with."""
+
+    pairs: np.ndarray  # (nb, nb, PAIR)
+    order: np.ndarray  # (2, nb) int64: bodies along x; those that do not move freely
+    lists: np.ndarray  # (L + 1, rooms + 1, LIST); the last one is scratch
+    near: np.ndarray  # (rooms, NEARS): pairs of pieces of a pair of bodies
+    out: np.ndarray  # (rooms, CONTACT): their contacts
+    frame: (
+        np.ndarray
+    )  # (3 + SURE, 4): axes of one body in those of the other; normals that may stand for others
+    work: np.ndarray  # (12, 3) and
+    polygons: np.ndarray  # (3, POLYGON, 3): scratch of `shapes`
+
+
+@kernel
+def search_scratch(bodies, room):
+    """Return a new `Search` with a number of rows of its lists, near pairs and contacts."""
+    order = integers((2, bodies))
+    for i in range(bodies):
+        order[0, i] = i
+    return Search(
+        zeros((bodies, bodies, PAIR)),
+        order,
+        zeros((min(bodies * bodies, LISTS) + 1, room + 1, LIST)),
+        empty((room, NEARS)),
+        empty((room + POLYGON, CONTACT)),
+        empty((3 + SURE, 4)),
+        empty((12, 3)),
+        empty((3, POLYGON, 3)),
+    )
+
+
+@inner
+def forget_all(search):
+    """Make a `Search` fit for another rollout."""
+    pairs, lists = search.pairs, search.lists
+    for a in range(len(pairs)):
+        search.order[0, a] = a
+        for b in range(len(pairs)):
+            for x in range(PAIR):
+                pairs[a, b, x] = 0.0
+    for k in range(len(lists)):
+        lists[k, 0, L_KEY] = 0.0
+
+
+@inner
+def place(i, Y, solids):
+    """Fill the centres of the bounding spheres of body i's pieces in the world."""
+    start = three(Y, i, FRAME)
+    for p in range(int(Y[i, FIRST]), int(Y[i, LAST])):
+        write(solids.spots, p, WHERE, plus(start, turn(Y, i, ROT, three(solids.pieces, p, CENTER))))
+
+
+@inner
+def _from_box(Y, i, p, r):
+    """Return a lower bound of the gap of a sphere and a body's box."""
+    e = minus(back(Y, i, minus(p, three(Y, i, FRAME))), three(Y, i, MIDDLE))
+    out = 0.0
+    for k in range(3):
+        over = max(abs(e[k]) - Y[i, HALF + k], 0.0)
+        out += over * over
+    return math.sqrt(out) - r
+
+
+@inner
+def _bound(Y, a, b, pa, pb, solids, search):
+    """Return a lower bound of the gap of two pieces: that of their boxes."""
+    pieces, R = solids.pieces, search.frame
+    d = minus(three(solids.spots, pb, WHERE), three(solids.spots, pa, WHERE))
+    if pieces[pa, KIND] == HALF_SPACE:
+        n = half_space(pa, (0.0, 0.0, 0.0), Y, pieces, solids.rows)[1]
+        return dot(d, n) - pieces[pb, PIECE_RADIUS]
+    e, f, gap = back(Y, a, d), back(Y, b, d), -math.inf
+    for i in range(3):
+        own = abs(e[i]) - pieces[pa, HALF_EXTENT + i]
+        other = abs(f[i]) - pieces[pb, HALF_EXTENT + i]
+        for k in range(3):
+            own -= abs(R[i, k]) * pieces[pb, HALF_EXTENT + k]
+            other -= abs(R[k, i]) * pieces[pa, HALF_EXTENT + k]
+        gap = max(gap, own, other)
+    return gap
+
+
+@inner(noinline=True)
+def _neighbours(a, b, far, travel, Y, solids, search):
+    """Return the slot of the list of two bodies' pieces that may come near soon; `FULL` if there is no room.
+
+    It is made anew when the bodies have travelled too far. What the old list knew of two pieces goes into the
+    new one; both are sorted by pieces.
+    """
+    pieces, spots, lists = solids.pieces, solids.spots, search.lists
+    slots, bodies = len(lists) - 1, len(search.pairs)
+    slot, key = (a * bodies + b) % slots, a * bodies + b + 1.0
+    L, was = lists[slot], lists[slots]
+    same = L[0, L_KEY] == key
+    if same and travel + far <= L[0, L_HOLDS]:
+        return slot
+    old = int(L[0, L_NUMBER]) if same else 0
+    for k in range(1, old + 1):
+        for x in range(LIST):
+            was[k, x] = L[k, x]
+    wide, few, n, k = 2.0 * far + MARGIN, 0, 0, 1
+    for pb in range(int(Y[b, FIRST]), int(Y[b, LAST])):  # those near the other body's box
+        if _from_box(Y, a, three(spots, pb, WHERE), pieces[pb, PIECE_RADIUS]) <= wide:
+            spots[few, SOME] = pb
+            few += 1
+    for pa in range(int(Y[a, FIRST]), int(Y[a, LAST])):
+        if _from_box(Y, b, three(spots, pa, WHERE), pieces[pa, PIECE_RADIUS]) > wide:
+            continue
+        for c in range(few):
+            pb = int(spots[c, SOME])
+            d = minus(three(spots, pb, WHERE), three(spots, pa, WHERE))
+            r = wide + pieces[pa, PIECE_RADIUS] + pieces[pb, PIECE_RADIUS]
+            if dot(d, d) > r * r:
+                continue
+            gap = _bound(Y, a, b, pa, pb, solids, search)
+            if gap > wide:
+                continue
+            n += 1
+            if n == len(L):
+                L[0, L_KEY] = 0.0
+                return FULL
+            L[n, L_A], L[n, L_B], L[n, L_CLEAR] = pa, pb, travel + gap
+            write(L, n, L_PARTED, (0.0, 0.0, 0.0))
+            while k <= old and (was[k, L_A] < pa or (was[k, L_A] == pa and was[k, L_B] < pb)):
+                k += 1
+            if k <= old and was[k, L_A] == pa and was[k, L_B] == pb:
+                L[n, L_CLEAR] = max(L[n, L_CLEAR], was[k, L_CLEAR])
+                write(L, n, L_PARTED, three(was, k, L_PARTED))
+    L[0, L_KEY], L[0, L_NUMBER], L[0, L_HOLDS] = key, n, travel + wide
+    return slot
+
+
+@inner
+def _closing(Y, a, b, pa, pb, solids):
+    """Return the velocity of piece b's centre relative to that of piece a, and the most that spins add."""
+    pieces, spots = solids.pieces, solids.spots
+    wb, wa = three(Y, b, SPIN), three(Y, a, SPIN)
+    u = minus(
+        plus(three(Y, b, VEL), cross(wb, minus(three(spots, pb, WHERE), three(Y, b, CENTRE)))),
+        three(Y, a, VEL),
+    )
+    more = math.sqrt(dot(wb, wb)) * pieces[pb, PIECE_RADIUS]
+    if dot(wa, wa) > 0.0:
+        u = minus(u, cross(wa, minus(three(spots, pa, WHERE), three(Y, a, CENTRE))))
+        more += math.sqrt(dot(wa, wa)) * pieces[pa, PIECE_RADIUS]
+    return u, more
+
+
+@inner(noinline=True)
+def _candidates(a, b, far, dt, slack, Y, solids, old, first, had, search, count):
+    """Write pairs of pieces that may meet within dt; return number, bound of others' gaps, list's slot."""
+    travel = Y[a, TRAVEL] + Y[b, TRAVEL]
+    slot = _neighbours(a, b, far, travel, Y, solids, search)
+    if slot == FULL:
+        return FULL, 0.0, slot
+    L, near, pieces = search.lists[slot], search.near, solids.pieces
+    base = three(Y, b, CENTRE)
+    low, m = L[0, L_HOLDS] - travel, 0
+    for k in range(1, int(L[0, L_NUMBER]) + 1):
+        if travel + far < L[k, L_CLEAR]:
+            low = min(low, L[k, L_CLEAR] - travel)
+            continue
+        pa, pb = int(L[k, L_A]), int(L[k, L_B])
+        gap = _bound(Y, a, b, pa, pb, solids, search)
+        u, more = _closing(Y, a, b, pa, pb, solids)
+        reach = min(far, dt * (math.sqrt(dot(u, u)) + more) + slack)
+        n = unit(
+            plus(minus(three(solids.spots, pb, WHERE), three(solids.spots, pa, WHERE)), (1e-12, 0.0, 0.0))
+        )
+        sure = gap
+        if gap <= reach:
+            count[SEARCHES] += 1
+            parted = three(L, k, L_PARTED)
+            if pieces[pa, KIND] == HALF_SPACE:
+                gap, n, _, _ = nearest(pa, pb, n, False, far, base, Y, pieces, solids.rows, search.work)
+                reach = min(reach, dt * (max(-dot(u, n), 0.0) + more) + slack)
+                sure = gap
+            elif dot(parted, parted) > 0.0:
+                sure = max(gap, gap_along(pa, pb, parted, base, Y, pieces, solids.rows))
+        if sure > reach:
+            low = min(low, sure)
+            L[k, L_CLEAR] = travel + sure
+            continue
+        known = 0.0
+        for j in range(first, first + had):
+            if old[j, PIECE_A] == pa and old[j, PIECE_B] == pb:
+                if known == 0.0 or old[j, GAP0] < gap:
+                    gap = old[j, GAP0]
+                n, known = three(old, j, NORMAL), 1.0
+        if m == len(near):
+            return FULL, 0.0, slot
+        near[m, N_GAP], near[m, N_A], near[m, N_B] = gap - known, pa, pb  # those in contact before come first
+        near[m, N_HOW], near[m, N_ENTRY], near[m, N_REACH] = known, k, reach
+        write(near, m, N_NORMAL, n)
+        m += 1
+    return m, low, slot
+
+
+@inner(noinline=True)
+def _sort(near, m):
+    """Order pairs of pieces by their gaps; equal ones stay in order."""
+    for c in range(1, m):
+        k = c
+        while k > 0 and near[k - 1, N_GAP] > near[k, N_GAP]:
+            for x in range(NEARS):
+                near[k, x], near[k - 1, x] = near[k - 1, x], near[k, x]
+            k -= 1
+
+
+@inner
+def _has_room(k, p, solids, search):
+    """Return whether there is room for all contacts of piece p, unreduced, after the first k."""
+    points = int(solids.pieces[p, LAST_POINT]) - int(solids.pieces[p, FIRST_POINT])
+    return k + max(POLYGON, points) < len(search.out)
+
+
+@inner(noinline=True)
+def _gaps(m, low, travel, dt, slack, a, b, lean, Y, solids, search, slot):
+    """Find gaps and normals of m pairs of pieces; keep the near ones.
+
+    Nearest points are looked for only where no normal found before, of these bodies in this step, parts the
+    pieces. Returns the number of near ones, that of contacts written, and a bound of the others' gaps.
+    """
+    near, out, L, pieces, rows = search.near, search.out, search.lists[slot], solids.pieces, solids.rows
+    _sort(near, m)
+    base = three(Y, b, CENTRE)
+    k, kept, sure = 0, 0, 0
+    for c in range(m):
+        pa, pb, n, known = (
+            int(near[c, N_A]),
+            int(near[c, N_B]),
+            three(near, c, N_NORMAL),
+            near[c, N_HOW] > 0.0,
+        )
+        entry, reach = int(near[c, N_ENTRY]), near[c, N_REACH]
+        gap, how, p, q = -math.inf, OWN, n, n
+        if pieces[pa, KIND] == HALF_SPACE:
+            gap = near[c, N_GAP] + near[c, N_HOW]
+        else:
+            for i in range(sure):
+                e = three(search.frame, 3 + i, 0)
+                t = gap_along(pa, pb, e, base, Y, pieces, rows)
+                if t > min(search.frame[3 + i, 3], 0.0) - GHOST:
+                    n, gap, how = e, t, OTHERS
+                    break
+            if how == OWN and known:
+                if not _has_room(k, pb, solids, search):
+                    return FULL, 0, 0.0
+                done, gap, n = manifold_of_pieces(
+                    pa, pb, n, True, reach, lean, base, Y, pieces, rows, search.polygons, out, k
+                )
+                if done > 0:
+                    k += done
+                    how = FACES
+            if how == OWN:
+                gap, n, p, q = nearest(pa, pb, n, known, reach, base, Y, pieces, rows, search.work)
+                if gap <= reach and not known:
+                    u, more = _closing(Y, a, b, pa, pb, solids)
+                    reach = min(reach, dt * (max(-dot(u, n), 0.0) + more) + slack)
+            if gap > reach:
+                low = min(low, gap)
+                L[entry, L_CLEAR] = travel + gap
+                write(L, entry, L_PARTED, n)
+                continue
+            if how != OTHERS and sure < SURE:
+                write(search.frame, 3 + sure, 0, n)
+                search.frame[3 + sure, 3] = gap
+                sure += 1
+        near[kept, N_GAP], near[kept, N_A], near[kept, N_B] = gap, pa, pb
+        near[kept, N_HOW], near[kept, N_REACH] = how, reach
+        write(near, kept, N_NORMAL, n)
+        write(near, kept, N_P, p)
+        write(near, kept, N_Q, q)
+        kept += 1
+    return kept, k, low
+
+
+@inner
+def _parting_normal(c, m, base, Y, solids, search):
+    """Return a nearer pair's normal that parts the pieces of pair c too, or its own; whether it is its own.
+
+    At the seam of two pieces of one surface, a third piece is nearest to an edge that is none of the body.
+    """
+    near = search.near
+    gap, pa, pb, n = near[c, N_GAP], int(near[c, N_A]), int(near[c, N_B]), three(near, c, N_NORMAL)
+    for j in range(m):
+        e = three(near, j, N_NORMAL)
+        nearer = near[j, N_ENTRY] > 0.0 if j < c else (j > c and near[j, N_GAP] < gap + GHOST)
+        if near[j, N_HOW] != OTHERS and nearer and dot(e, n) < 1.0 - 1e-9:
+            if gap_along(pa, pb, e, base, Y, solids.pieces, solids.rows) > min(near[j, N_GAP], 0.0) - GHOST:
+                write(near, c, N_NORMAL, e)
+                return e, False
+    return n, True
+
+
+@inner(noinline=True)
+def _touching(m, k, b, lean, Y, solids, search):
+    """Write the contacts of m pairs of pieces with known gaps, after the first k; return how many."""
+    near, out, pieces, rows = search.near, search.out, solids.pieces, solids.rows
+    base = three(Y, b, CENTRE)
+    _sort(near, m)
+    for c in range(m):
+        gap, pa, pb, n = near[c, N_GAP], int(near[c, N_A]), int(near[c, N_B]), three(near, c, N_NORMAL)
+        near[c, N_ENTRY], reach = 1.0, near[c, N_REACH]  # from here on: whether it stands for its normal
+        if near[c, N_HOW] == FACES:
+            continue
+        own = near[c, N_HOW] == OWN and pieces[pa, KIND] != HALF_SPACE
+        if own:
+            n, own = _parting_normal(c, m, base, Y, solids, search)
+        for j in range(c):  # seen before
+            if near[j, N_ENTRY] > 0.0 and dot(three(near, j, N_NORMAL), n) > 1.0 - _ALIKE:
+                near[c, N_ENTRY] = 0.0
+                break
+        if not _has_room(k, pb, solids, search):
+            return FULL
+        done, deep, _ = manifold_of_pieces(
+            pa, pb, n, False, reach, lean, base, Y, pieces, rows, search.polygons, out, k
+        )
+        if own and (done == 0 or deep > gap + DEEPER):
+            middle = times(0.5, plus(three(near, c, N_P), three(near, c, N_Q)))
+            write_contact(out, k + done, middle, gap, n, pa, pb, NO_FACE)
+            done += 1
+        k += done
+    return k
+
+
+@inner
+def _leaning(Y, a, b):
+    """Return where the load of a contact moves: along the velocity at which b slides, or with its forces."""
+    u = minus(three(Y, b, VEL), three(Y, a, VEL))
+    return u if dot(u, u) > _LEANS * _LEANS else three(Y, b, ACCEL)
+
+
+@inner(noinline=True)
+def meet(a, b, far, dt, slack, Y, solids, old, first, had, search, count):
+    """Write the contacts of two bodies, relative to the centre of mass of b.
+
+    Returns their number and, without any, a lower bound of the gap.
+    """
+    for i in range(3):
+        for k in range(3):
+            search.frame[i, k] = (
+                Y[a, ROT + i] * Y[b, ROT + k]
+                + Y[a, ROT + 3 + i] * Y[b, ROT + 3 + k]
+                + Y[a, ROT + 6 + i] * Y[b, ROT + 6 + k]
+            )
+    lean = _leaning(Y, a, b)
+    if Y[a, LAST] - Y[a, FIRST] == 1.0 and Y[b, LAST] - Y[b, FIRST] == 1.0:
+        return _meet_one(a, b, far, lean, Y, solids, old, first, had, search, count)
+    m, low, slot = _candidates(a, b, far, dt, slack, Y, solids, old, first, had, search, count)
+    if m == FULL:
+        return FULL, 0.0
+    travel = Y[a, TRAVEL] + Y[b, TRAVEL]
+    m, k, low = _gaps(m, low, travel, dt, slack, a, b, lean, Y, solids, search, slot)
+    if m == FULL:
+        return FULL, 0.0
+    for c in range(m):
+        low = min(low, search.near[c, N_GAP])
+    k = _touching(m, k, b, lean, Y, solids, search)
+    if k > MOST:
+        k = reduce(search.out, 0, k, MOST, lean, (0.0, 0.0, 0.0))
+    return k, low
+
+
+@inner(noinline=True)
+def _meet_one(a, b, far, lean, Y, solids, old, first, had, search, count):
+    """Write the contacts of bodies of one piece each, as `meet`."""
+    pieces, rows, pairs = solids.pieces, solids.rows, search.pairs
+    pa, pb, base = int(Y[a, FIRST]), int(Y[b, FIRST]), three(Y, b, CENTRE)
+    gap = _bound(Y, a, b, pa, pb, solids, search)
+    if gap > far:
+        return 0, gap
+    count[SEARCHES] += 1
+    parted = three(pairs[a], b, PARTED)
+    if had == 0 and dot(parted, parted) > 0.0:
+        gap = gap_along(pa, pb, parted, base, Y, pieces, rows)
+        if gap > far:
+            return 0, gap
+    d = minus(three(solids.spots, pb, WHERE), three(solids.spots, pa, WHERE))
+    n = three(old, first + had - 1, NORMAL) if had > 0 else unit(plus(d, (1e-12, 0.0, 0.0)))
+    if not _has_room(0, pb, solids, search):
+        return FULL, 0.0
+    k, gap, n = contacts_of_pieces(
+        pa, pb, n, had > 0, far, lean, base, Y, pieces, rows, search.work, search.polygons, search.out, 0
+    )
+    if k == 0 and pieces[pa, KIND] == HALF_SPACE:
+        gap = nearest(pa, pb, n, False, far, base, Y, pieces, rows, search.work)[0]
+    if k == 0:
+        write(pairs[a], b, PARTED, n)
+    return k, gap
+
+
+@inner
+def reaches(bodies, dt, Y):
+    """Fill how far a point of each body can get within dt; return the most of the scene's ``bodies``."""
+    most = 0.0
+    for i in range(bodies):
+        if Y[i, IMASS] > 0.0:
+            v, w = three(Y, i, VEL), three(Y, i, SPIN)
+            pace = math.sqrt(dot(v, v)) + Y[i, RADIUS] * math.sqrt(dot(w, w)) + Y[i, SURGE]
+            Y[i, REACH] = dt * pace + DRIFT
+            most = max(most, Y[i, REACH])
+        elif Y[i, DRIVEN] == 0.0:
+            Y[i, REACH] = 0.0
+    return most
+
+
+@inner
+def _before(Y, i, j):
+    """Return whether body i begins before body j along x."""
+    x, y = Y[i, CENTRE] - Y[i, RADIUS], Y[j, CENTRE] - Y[j, RADIUS]
+    return x < y or (x == y and i < j)
+
+
+@inner
+def line_up(bodies, order, Y):
+    """Order the scene's bodies along x by where they begin; the order of the step before is nearly right.
+
+    Row 1 lists what does not move freely; return its number.
+    """
+    for i in range(1, bodies):
+        k, j = order[0, i], i
+        while j > 0 and _before(Y, k, order[0, j - 1]):
+            order[0, j] = order[0, j - 1]
+            j -= 1
+        order[0, j] = k
+    n = 0
+    for i in range(len(Y)):
+        if Y[i, IMASS] == 0.0:
+            order[1, n] = i
+            n += 1
+    return n

@@ -1,0 +1,288 @@
+"""Impulses of contacts: sweeps with extrapolation, and velocities that take out depth."""
+
+import math
+
+from ...compiler import inner
+from ...spatial.vectors import dot, minus, plus, three, times
+from .columns import (
+    ACCEL,
+    BEFORE,
+    BODY_A,
+    BODY_B,
+    EXTRAPOLATE,
+    FARTHEST,
+    FEW_SWEEPS,
+    GAP,
+    IA,
+    IB,
+    IMASS,
+    IWORLD,
+    JA,
+    JB,
+    K11,
+    K12,
+    K22,
+    L1,
+    L2,
+    LN,
+    MASS_N,
+    MASS_T,
+    MODE,
+    MOMENT,
+    MU,
+    NORMAL,
+    PUSH,
+    PUSH_MOST,
+    PUSH_V,
+    PUSH_W,
+    REBOUND,
+    SLOP,
+    SPIN,
+    SURFACE_U,
+    SWEEPS,
+    TAN1,
+    TAN2,
+    TOLERANCE,
+    TWIST,
+    VEL,
+    WARM,
+    WARM_MOMENT,
+)
+from .motion import momentum, symmetric_times, write
+
+HOLDS, PARTS, WAITS = 0.0, 1.0, 2.0  # MODE: closes its gap at most; parts at REBOUND; takes no part
+
+
+@inner
+def _spin_by(C, k, I, ln, l1, l2):
+    """Return the change of spin by impulses along normal and tangents."""
+    both = plus(times(ln, three(C, k, I)), times(l1, three(C, k, I + 3)))
+    return plus(both, times(l2, three(C, k, I + 6)))
+
+
+@inner
+def kick(Y, C, k, ln, l1, l2):
+    """Apply impulses along the normal and the tangents."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    f = plus(times(ln, three(C, k, NORMAL)), times(l1, three(C, k, TAN1)))
+    f = plus(f, times(l2, three(C, k, TAN2)))
+    write(Y, b, VEL, plus(three(Y, b, VEL), times(Y[b, IMASS], f)))
+    write(Y, b, SPIN, plus(three(Y, b, SPIN), _spin_by(C, k, IB, ln, l1, l2)))
+    if Y[a, IMASS] > 0.0:
+        write(Y, a, VEL, minus(three(Y, a, VEL), times(Y[a, IMASS], f)))
+        write(Y, a, SPIN, minus(three(Y, a, SPIN), _spin_by(C, k, IA, ln, l1, l2)))
+
+
+@inner
+def _twist_by(Y, C, k, moment):
+    """Apply a moment's impulse (world axes) to both bodies."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    write(Y, b, SPIN, plus(three(Y, b, SPIN), symmetric_times(Y, b, IWORLD, moment)))
+    if Y[a, IMASS] > 0.0:
+        write(Y, a, SPIN, minus(three(Y, a, SPIN), symmetric_times(Y, a, IWORLD, moment)))
+
+
+@inner
+def closing(Y, C, k):
+    """Return the normal speed of b relative to a at a contact."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    u = dot(three(C, k, NORMAL), minus(three(Y, b, VEL), three(Y, a, VEL))) - C[k, SURFACE_U]
+    u += dot(three(C, k, JB), three(Y, b, SPIN))
+    return u - dot(three(C, k, JA), three(Y, a, SPIN)) if Y[a, IMASS] > 0.0 else u
+
+
+@inner(noinline=True, error_model="numpy")
+def _resist(Y, C, k):
+    """Let torsional and rolling friction of a contact act; return the largest change of speed.
+
+    Moments about the normal and about the tangents oppose relative spin, up to TWIST times LN.
+    """
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    most, wide = 0.0, C[k, TWIST + 1] * C[k, LN]
+    for x in range(3):
+        top = C[k, TWIST] * C[k, LN] if x == 0 else wide
+        if top == 0.0 and C[k, MOMENT + x] == 0.0:
+            continue
+        d = three(C, k, NORMAL + 3 * x)
+        w = dot(d, minus(three(Y, b, SPIN), three(Y, a, SPIN)))
+        easy = dot(d, symmetric_times(Y, b, IWORLD, d))
+        if Y[a, IMASS] > 0.0:
+            easy += dot(d, symmetric_times(Y, a, IWORLD, d))
+        if x == 2:  # what the other tangent leaves of the cone
+            top = math.sqrt(max(wide * wide - C[k, MOMENT + 1] * C[k, MOMENT + 1], 0.0))
+        new = min(max(C[k, MOMENT + x] - w / easy, -top), top)
+        change = new - C[k, MOMENT + x]
+        C[k, MOMENT + x] = new
+        most = max(most, abs(change) * easy * C[k, TWIST + (1 if x > 0 else 0)])
+        _twist_by(Y, C, k, times(change, d))
+    return most
+
+
+@inner(noinline=True, error_model="numpy")
+def sweep(first, last, C, Y, h):
+    """Let each contact act once on the velocities that the others left; return the largest change of speed.
+
+    By MODE a contact closes its gap within h at most, parts with the speed REBOUND, or takes no part.
+    """
+    most = 0.0
+    for k in range(first, last):
+        if C[k, MODE] == WAITS:
+            continue
+        a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+        two = Y[a, IMASS] > 0.0
+        n, ln, m = three(C, k, NORMAL), C[k, LN], C[k, MASS_N]
+        vb, wb, va, wa = three(Y, b, VEL), three(Y, b, SPIN), three(Y, a, VEL), three(Y, a, SPIN)
+        dv = minus(vb, va)
+        u = dot(n, dv) + dot(three(C, k, JB), wb) - C[k, SURFACE_U]
+        if two:
+            u -= dot(three(C, k, JA), wa)
+        wanted = C[k, REBOUND] if C[k, MODE] == PARTS else -max(C[k, GAP], 0.0) / h
+        new = max(ln - m * (u - wanted), 0.0)
+        d, l1, l2 = new - ln, C[k, L1], C[k, L2]
+        if d == 0.0 and new == 0.0 and l1 == 0.0 and l2 == 0.0:
+            continue
+        C[k, LN] = new
+        mb, ma = Y[b, IMASS], Y[a, IMASS]
+        wb, dv = plus(wb, times(d, three(C, k, IB))), plus(dv, times(d * (ma + mb), n))
+        t1, t2 = three(C, k, TAN1), three(C, k, TAN2)
+        u1 = dot(t1, dv) + dot(three(C, k, JB + 3), wb) - C[k, SURFACE_U + 1]
+        u2 = dot(t2, dv) + dot(three(C, k, JB + 6), wb) - C[k, SURFACE_U + 2]
+        if two:
+            wa = minus(wa, times(d, three(C, k, IA)))
+            u1 -= dot(three(C, k, JA + 3), wa)
+            u2 -= dot(three(C, k, JA + 6), wa)
+        x, y = l1 - C[k, K11] * u1 - C[k, K12] * u2, l2 - C[k, K12] * u1 - C[k, K22] * u2
+        top = C[k, MU] * new
+        if x * x + y * y > top * top:  # slides: against the velocity
+            x, y = l1 - C[k, MASS_T] * u1, l2 - C[k, MASS_T] * u2
+            r = math.sqrt(x * x + y * y)
+            if r > top:
+                x, y = x * top / r, y * top / r
+        d1, d2 = x - l1, y - l2
+        C[k, L1], C[k, L2] = x, y
+        most = max(most, (abs(d) + abs(d1) + abs(d2)) / m)
+        f = plus(plus(times(d, n), times(d1, t1)), times(d2, t2))
+        write(Y, b, VEL, plus(vb, times(mb, f)))
+        write(Y, b, SPIN, plus(wb, plus(times(d1, three(C, k, IB + 3)), times(d2, three(C, k, IB + 6)))))
+        if two:
+            write(Y, a, VEL, minus(va, times(ma, f)))
+            write(Y, a, SPIN, minus(wa, plus(times(d1, three(C, k, IA + 3)), times(d2, three(C, k, IA + 6)))))
+        if C[k, TWIST] > 0.0 or C[k, TWIST + 1] > 0.0:
+            most = max(most, _resist(Y, C, k))
+    return most
+
+
+@inner
+def _extrapolate(first, last, C, Y, more):
+    """Change the impulses on by ``more`` times the last change, within the cones."""
+    for k in range(first, last):
+        d = times(more, minus(three(C, k, LN), three(C, k, BEFORE)))
+        ln, x, y = max(C[k, LN] + d[0], 0.0), C[k, L1] + d[1], C[k, L2] + d[2]
+        top = C[k, MU] * ln
+        if x * x + y * y > top * top:
+            share = top / math.sqrt(x * x + y * y)
+            x, y = x * share, y * share
+        kick(Y, C, k, ln - C[k, LN], x - C[k, L1], y - C[k, L2])
+        write(C, k, LN, (ln, x, y))
+
+
+@inner(noinline=True, error_model="numpy")
+def solve(rounds, first, last, C, Y, h):
+    """Sweep until speeds change little, and extrapolate what converges slowly; return how many."""
+    before = 0.0
+    for r in range(rounds):
+        if r >= FEW_SWEEPS:
+            for k in range(first, last):
+                write(C, k, BEFORE, three(C, k, LN))
+        if sweep(first, last, C, Y, h) < TOLERANCE:
+            return r + 1
+        if r >= FEW_SWEEPS:
+            now = 0.0
+            for k in range(first, last):
+                d = minus(three(C, k, LN), three(C, k, BEFORE))
+                now += dot(d, d)
+            ratio = math.sqrt(now / before) if before > 0.0 else 0.0
+            before = now
+            if r % 4 == 2 and EXTRAPOLATE < ratio < 1.0:
+                _extrapolate(first, last, C, Y, min(ratio / (1.0 - ratio), FARTHEST))
+                before = 0.0
+    return rounds
+
+
+@inner(noinline=True)
+def start_warm(first, last, C, Y, h):
+    """Begin with the impulses that the last forces give within h."""
+    for k in range(first, last):
+        share = h if C[k, MODE] != WAITS else 0.0
+        write(C, k, LN, times(share, three(C, k, WARM)))
+        write(C, k, MOMENT, times(share, three(C, k, WARM_MOMENT)))
+        if C[k, LN] > 0.0:
+            kick(Y, C, k, C[k, LN], C[k, L1], C[k, L2])
+            if C[k, TWIST] > 0.0 or C[k, TWIST + 1] > 0.0:
+                m = plus(times(C[k, MOMENT], three(C, k, NORMAL)), times(C[k, MOMENT + 1], three(C, k, TAN1)))
+                _twist_by(Y, C, k, plus(m, times(C[k, MOMENT + 2], three(C, k, TAN2))))
+
+
+@inner
+def keep_warm(first, last, C, h):
+    """Keep the forces of this substep for the next one."""
+    for k in range(first, last):
+        write(C, k, WARM, times(1.0 / h, three(C, k, LN)))
+        write(C, k, WARM_MOMENT, times(1.0 / h, three(C, k, MOMENT)))
+
+
+@inner(noinline=True, error_model="numpy")
+def push_out(first, last, members, C, Y, h):
+    """Find velocities that take depth out within h without friction; they move the bodies once.
+
+    With friction, or as part of the velocities, this would load what is wedged in, and the load could do
+    work.
+    """
+    for i in members:
+        write(Y, i, PUSH_V, (0.0, 0.0, 0.0))
+        write(Y, i, PUSH_W, (0.0, 0.0, 0.0))
+    for k in range(first, last):
+        C[k, BEFORE] = 0.0
+    for _ in range(SWEEPS):
+        most = 0.0
+        for k in range(first, last):
+            a, b, n, s = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL), C[k, GAP]
+            u = dot(n, three(Y, b, PUSH_V)) + dot(three(C, k, JB), three(Y, b, PUSH_W))
+            if Y[a, IMASS] > 0.0:
+                u -= dot(n, three(Y, a, PUSH_V)) + dot(three(C, k, JA), three(Y, a, PUSH_W))
+            u += s / h if s > 0.0 else max(PUSH / h * min(s + SLOP, 0.0), -PUSH_MOST)
+            new = max(C[k, BEFORE] - C[k, MASS_N] * u, 0.0)
+            d = new - C[k, BEFORE]
+            if d == 0.0:
+                continue
+            C[k, BEFORE] = new
+            most = max(most, abs(d) / C[k, MASS_N])
+            write(Y, b, PUSH_V, plus(three(Y, b, PUSH_V), times(d * Y[b, IMASS], n)))
+            write(Y, b, PUSH_W, plus(three(Y, b, PUSH_W), times(d, three(C, k, IB))))
+            if Y[a, IMASS] > 0.0:
+                write(Y, a, PUSH_V, minus(three(Y, a, PUSH_V), times(d * Y[a, IMASS], n)))
+                write(Y, a, PUSH_W, minus(three(Y, a, PUSH_W), times(d, three(C, k, IA))))
+        if most < TOLERANCE:
+            break
+    _pay(members, Y, h)
+
+
+@inner
+def _pay(members, Y, h):
+    """Take the work of `push_out` against forces from the energy of motion; where there is little, push less.
+
+    Without this a wedged body is lifted, falls back and is lifted again, and its energy grows.
+    """
+    work, have = 0.0, 0.0
+    for i in members:
+        m, v, w = 1.0 / Y[i, IMASS], three(Y, i, VEL), three(Y, i, SPIN)
+        work -= h * m * dot(three(Y, i, ACCEL), three(Y, i, PUSH_V))
+        have += 0.5 * m * dot(v, v) + 0.5 * dot(w, momentum(Y, i, w))
+    if work > 0.0:
+        part = min(1.0, have / work)
+        keep = math.sqrt(max(0.0, 1.0 - part * work / have)) if have > 0.0 else 1.0
+        for i in members:
+            write(Y, i, VEL, times(keep, three(Y, i, VEL)))
+            write(Y, i, SPIN, times(keep, three(Y, i, SPIN)))
+            write(Y, i, PUSH_V, times(part, three(Y, i, PUSH_V)))
+            write(Y, i, PUSH_W, times(part, three(Y, i, PUSH_W)))

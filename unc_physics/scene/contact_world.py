@@ -1,0 +1,257 @@
+"""Scenes as the arrays of the step over exact shapes (`physics.everyday`)."""
+
+from __future__ import annotations
+
+import math
+import weakref
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ..compiler.time_limit import limit_here
+from ..dynamics.contact_history import ContactHistory, InitialAdjustment
+from ..dynamics.implicit_world import NEVER
+from ..physics.everyday import columns as c
+from ..physics.everyday.rollouts import EverydayWorld, Variation, fresh_memory, recorded
+from ..shapes.columns import AXES, CENTER, HALF_EXTENT, KIND, LATHE, ORIGIN, RADIUS
+from ..shapes.pieces import PieceArrays, joined, piece_arrays
+from ..spatial.rotation import exp, rotation_matrix
+from .marks import Mark
+from .scene import Scene
+
+_SAME_AXIS = 1e-9  # m, and of directions: round-off between lathes of one body
+_BALL = 1e-9  # relative difference of a ball's moments of inertia
+_worlds = weakref.WeakKeyDictionary()  # of scenes
+_pieces = weakref.WeakKeyDictionary()  # of models: their `PieceArrays`
+
+
+def everyday_world(scene: Scene) -> EverydayWorld:
+    """Return the scene as the step's arrays, without uncertain parameters."""
+    if scene not in _worlds:
+        _worlds[scene] = _new_world(scene)
+    limit = limit_here()
+    return _worlds[scene]._replace(
+        dt=scene.dt, start=scene.world.start, stop=NEVER if limit is None else limit.flag
+    )
+
+
+def _new_world(scene):
+    tilting = _tilting(scene)
+    ground = [
+        piece for k, element in enumerate(scene.environment) if k not in tilting for piece in element.pieces
+    ]
+    rows = [_arrays(body.model) for body in scene.bodies]
+    rows += [piece_arrays([ground])]
+    rows += [piece_arrays([scene.environment[k].pieces]) for k in tilting]
+    pieces, points, first = joined(rows)
+    bodies = np.zeros((len(rows), c.BODY))
+    for k, (low, high) in enumerate(pairwise(first)):
+        bodies[k, c.FIRST], bodies[k, c.LAST] = low, high
+        bodies[k, [c.ROT, c.ROT + 4, c.ROT + 8, c.QUAT + 3]] = 1.0
+        _fill_bounds(bodies[k], pieces[low:high])
+    for row, body in zip(bodies, scene.bodies, strict=False):
+        _fill_body(row, body, scene.gyroscopic)
+    par = np.zeros(c.SETTINGS)
+    par[c.DECAY], par[c.SLEEP] = scene.damping, scene.sleep
+    par[c.DIRECTION_ERROR], par[c.POINT_ERROR] = scene.impact_direction_std, scene.impact_point_std
+    par[c.MU_ERROR] = scene.impact_friction_std
+    par[c.SLIPPERINESS] = 1.0 / (scene.impact_friction_speed or math.inf)
+    return EverydayWorld(
+        bodies,
+        pieces,
+        points,
+        _spots(scene, tilting, pieces, first, bodies),
+        par,
+        scene.actions,
+        len(scene.bodies),
+        scene.dt,
+        0.0,
+        NEVER,
+    )
+
+
+def _arrays(model) -> PieceArrays:
+    """Return the arrays of a model's pieces."""
+    if model not in _pieces:
+        _pieces[model] = piece_arrays([model.pieces])
+    return _pieces[model]
+
+
+def _tilting(scene):
+    """Return the indices of the elements whose tilt is uncertain; the others are one body, the ground."""
+    return [k for k, element in enumerate(scene.environment) if element.surface_tilt_std > 0.0]
+
+
+def _fill_bounds(row, pieces):
+    """Fill bounds and rolling axis of a body from its pieces."""
+    if len(pieces) == 0:
+        return
+    middle, half = pieces[:, CENTER : CENTER + 3], pieces[:, HALF_EXTENT : HALF_EXTENT + 3]
+    row[c.RADIUS] = (np.linalg.norm(middle, axis=1) + pieces[:, RADIUS]).max()
+    low, high = (middle - half).min(axis=0), (middle + half).max(axis=0)
+    bounded = np.isfinite(low).all() and np.isfinite(high).all()
+    row[c.MIDDLE : c.MIDDLE + 3] = 0.5 * (low + high) if bounded else 0.0
+    row[c.HALF : c.HALF + 3] = 0.5 * (high - low) if bounded else np.inf
+    lathes = pieces[pieces[:, KIND] == LATHE]
+    if len(lathes):
+        axis, origin = _axis(lathes[0])
+        row[c.AXIS : c.AXIS + 3], row[c.ROLLS] = axis, 1.0
+        row[c.ARM : c.ARM + 3] = origin - (origin @ axis) * axis
+
+
+def _axis(piece):
+    """Return direction and a point of a lathe's axis, body axes."""
+    return piece[AXES : AXES + 9].reshape(3, 3)[:, 2], piece[ORIGIN : ORIGIN + 3]
+
+
+def _fill_body(row, body, gyroscopic):
+    """Fill mass and inertia."""
+    inertia = body.mass * body.unit_inertia
+    row[c.OWN_IMASS] = row[c.IMASS] = 1.0 / body.mass if body.free else 0.0
+    row[c.STEADY] = not gyroscopic or abs(inertia - inertia[0, 0] * np.eye(3)).max() < _BALL * inertia[0, 0]
+    for at, matrix in ((c.INERTIA, inertia), (c.IBODY, np.linalg.inv(inertia))):
+        row[at : at + 6] = matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
+def _spots(scene, tilting, pieces, first, bodies):
+    """Return what a step adds to each piece."""
+    spots, count = np.zeros((len(pieces), c.SPOT)), len(scene.bodies)
+    for k, (low, high) in enumerate(pairwise(first)):
+        if k < count:
+            spots[low:high, c.SURFACE_OF] = k
+        elif k > count:
+            spots[low:high, c.SURFACE_OF] = count + tilting[k - count - 1]
+        for p in range(low, high):
+            if pieces[p, KIND] == LATHE and k < count:
+                axis, origin = _axis(pieces[p])
+                own, arm = bodies[k, c.AXIS : c.AXIS + 3], bodies[k, c.ARM : c.ARM + 3]
+                away = origin - (origin @ axis) * axis - arm
+                parallel = np.linalg.norm(np.cross(own, axis)) < _SAME_AXIS
+                spots[p, c.ON_AXIS] = parallel and np.linalg.norm(away) < _SAME_AXIS
+    at = first[count]
+    for k, element in enumerate(scene.environment):
+        if k not in tilting:
+            spots[at : at + len(element.pieces), c.SURFACE_OF] = count + k
+            at += len(element.pieces)
+    return spots
+
+
+def variation(scene: Scene, z: np.ndarray) -> Variation:
+    """Return the parameters of N rollouts, ``z`` (N, K) standard deviations from the scene's.
+
+    Without uncertain parameters all rollouts share one row.
+    """
+    count, things = (len(z) if scene.uncertain else 1), len(scene.surfaces)
+    materials = np.zeros((count, c.MATERIALS, things))
+    own = scene.materials
+    materials[:, c.FRICTION], materials[:, c.RESTITUTION] = own.friction, own.restitution
+    given = [surface.torsional_friction for surface in scene.surfaces]
+    materials[:, c.TORSION] = [-1.0 if value is None else value for value in given]
+    materials[:, c.ROLLING] = -1.0
+    mass, tilt = np.ones((count, len(scene.bodies))), np.zeros((count, 2))
+    offset = np.zeros((count, len(scene.bodies), 3))
+    turns = np.zeros((count, len(scene.environment), 3))
+    held = np.repeat(scene.actions.held[None], count, axis=0)
+    paths = np.zeros((count, len(scene.bodies), 6))
+    for k, (name, body, axis, std) in enumerate(scene.uncertain):
+        shift = std * z[:, k]
+        if name == "friction":
+            materials[:, c.FRICTION, body] *= np.exp(shift / own.friction[body])
+        elif name == "restitution":
+            materials[:, c.RESTITUTION, body] = np.clip(own.restitution[body] + shift, 0.0, 1.0)
+        elif name == "mass":
+            mass[:, body] = np.exp(shift / scene.bodies[body].mass)
+        elif name == "center_of_mass":
+            offset[:, body, axis] = shift
+        elif name == "gravity_direction":
+            tilt[:, axis] = shift
+        elif name == "surface_tilt":
+            turns[:, body - len(scene.bodies), axis] = shift
+        elif name == "released_at":
+            held[:, body, 1] = np.maximum(held[:, body, 0], held[:, body, 1] + shift)
+        else:
+            paths[:, body, axis] = shift
+    return Variation(
+        materials,
+        mass,
+        offset,
+        tilted_gravity(np.asarray(scene.gravity, float), tilt),
+        _frames(scene, turns),
+        held,
+        _path_shifts(scene, paths),
+    )
+
+
+def tilted_gravity(gravity: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """Return gravity (N, 3) turned about two perpendicular axes across it by ``tilt`` (N, 2) [rad]."""
+    size = np.linalg.norm(gravity)
+    if size == 0.0 or not tilt.any():
+        return np.repeat(gravity[None], len(tilt), axis=0)
+    down = gravity / size
+    first = np.cross(np.eye(3)[np.argmin(np.abs(down))], down)
+    first /= np.linalg.norm(first)
+    turn = tilt[:, :1] * first + tilt[:, 1:] * np.cross(down, first)
+    angle = np.linalg.norm(turn, axis=1, keepdims=True)
+    return size * (np.cos(angle) * down + np.sinc(angle / np.pi) * np.cross(turn, down))
+
+
+def _frames(scene, turns):
+    """Return the frames (N, T, 12) of elements that tilt about their positions."""
+    tilting = _tilting(scene)
+    frames = np.zeros((len(turns), len(tilting), 12))
+    for n, turn in enumerate(turns if tilting else ()):
+        for t, k in enumerate(tilting):
+            element = scene.environment[k]
+            own = element.rotation
+            tilt = own @ rotation_matrix(np.array(exp(*map(float, turn[k])))) @ own.T
+            frames[n, t, :3] = element.position - tilt @ element.position
+            frames[n, t, 3:] = tilt.ravel()
+    return frames
+
+
+def _path_shifts(scene, offsets):
+    """Return displacement and rotation (N, B, 7) of paths that are offset at their first poses."""
+    shifts = np.zeros((*offsets.shape[:2], 7))
+    shifts[..., 6] = 1.0
+    for k, body in enumerate(scene.bodies):
+        if body.trajectory is None or not offsets[:, k].any():
+            continue
+        pose = scene.actions.pose[scene.actions.path[k, 0]]
+        R, middle = rotation_matrix(pose[6:10]), pose[:3]
+        for n, offset in enumerate(offsets[:, k]):
+            q = np.array(exp(*(R @ offset[3:])))
+            shifts[n, k, 3:] = q
+            shifts[n, k, :3] = middle + R @ offset[:3] - rotation_matrix(q) @ middle
+    return shifts
+
+
+def fresh_history(scene: Scene, count: int) -> ContactHistory:
+    """Return the contact history of new rollouts."""
+    bodies = len(scene.bodies)
+    first = np.full((count, bodies, len(scene.surfaces)), np.inf, np.float32)
+    start = InitialAdjustment(*(np.zeros((count, bodies), np.float32) for _ in InitialAdjustment._fields))
+    return ContactHistory(first, fresh_memory(count, bodies), start)
+
+
+def recorded_contacts(
+    states: np.ndarray,
+    history: ContactHistory,
+    scene: Scene,
+    z: np.ndarray,
+    begin: int,
+    marks: Sequence[Mark],
+) -> list[tuple[np.ndarray, ContactHistory]]:
+    """Return states and histories of rollouts at each of several marks, ascending; the given ones stay."""
+    memory: Any = history.solver
+    found = recorded(
+        states,
+        history.first_time,
+        memory,
+        everyday_world(scene),
+        variation(scene, z),
+        begin,
+        scene.stops(begin, marks),
+    )
+    return [(x, history._replace(first_time=first, solver=solver)) for x, first, solver in found]
