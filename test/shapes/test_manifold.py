@@ -1,5 +1,7 @@
 """Contacts of two bodies: they support a body as its outline does."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +13,7 @@ from unc_physics import load_model
 from unc_physics.shapes.columns import GAP, NORMAL, POINT
 from unc_physics.shapes.distance import distance_of_pieces
 from unc_physics.shapes.manifold import MOST_OF_BODIES, MOST_OF_PIECES, manifold_of_bodies
-from unc_physics.shapes.pieces import HalfSpace, ball, box, capsule, cylinder, piece_arrays
+from unc_physics.shapes.pieces import HalfSpace, Lathe, ball, box, capsule, cylinder, piece_arrays
 
 FAR = 1e-3
 FLOOR = [HalfSpace()]
@@ -96,6 +98,17 @@ def test_a_can_on_a_can_is_supported_by_the_smaller_rim():
         )
         assert (points @ lean).max() == pytest.approx(0.03, abs=1e-9)
         assert normals[:, 2].min() > 1.0 - 1e-12
+
+
+def test_a_sector_on_its_inner_edge_touches_along_its_axis():
+    """A wedge of a cylinder stands on the edge between its two flat sides."""
+    wedge = Lathe([[0, -0.05], [0.04, -0.05], [0.04, 0.05], [0, 0.05]], half_angle=math.pi / 6)
+    up = np.array([[0.0, 0, 1], [0, -1, 0], [1, 0, 0]])  # its middle looks up, its axis lies along x
+    for ground in (HalfSpace(), box((0.3, 0.3, 0.02), (0, 0, -0.01))):
+        points, gaps, normals = contacts([wedge], frame((0, 0, 1e-4), up), [ground], frame())
+        np.testing.assert_allclose(np.sort(points[:, 0]), [-0.05, 0.05], atol=1e-9)
+        np.testing.assert_allclose(gaps, 1e-4, atol=1e-9)
+        np.testing.assert_allclose(np.abs(normals[:, 2]), 1, atol=1e-9)
 
 
 @pytest.mark.parametrize("ground", [FLOOR, TABLE])

@@ -200,7 +200,7 @@ def _lathe_face(piece, frame, start, rows, b, lean, load, out):
     if whole and abs(nr) < _UPRIGHT:
         center, normal = plus(o, times(z0, axis)), times(nz, axis)
         return _octagon(max(r0, r1), center, normal, away, s > _UPRIGHT, lean, load, out), normal
-    if not whole and nr < _UPRIGHT:
+    if not whole and nr < _UPRIGHT and max(r0, r1) > 0.0:  # an edge on the axis is a segment
         return _flat(piece, frame, o, axis, r0, z0, r1, z1, nr, nz, lean, load, out)
     put(out, 0, plus(o, plus(times(r0, away), times(z0, axis))))
     put(out, 1, plus(o, plus(times(r1, away), times(z1, axis))))
