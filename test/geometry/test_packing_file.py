@@ -28,6 +28,16 @@ def example():
     )
 
 
+REACH = np.sqrt(0.3**2 + 0.2**2) + 0.1  # of its second sphere [m]
+
+
+def skewed(by):
+    """Moments that are no multiples of each other, and a matrix that is symmetric but for its first row."""
+    inertia = np.diag([1.0, 2.0, 2.5])
+    inertia[0, 1] = 2.5 * by
+    return inertia
+
+
 def arrays(packing):
     return {field: getattr(packing, field) for field in ("centers", "radii", "inertia", "origin", "bounds")}
 
@@ -112,14 +122,17 @@ def test_scale():
         ({"radii": np.array([0.2, np.nan, 0.05])}, r"radii\[1\] is not a finite number"),
         ({"centers": np.full((3, 3), np.inf)}, r"centers\[0\]\[0\] is not a finite number"),
         ({"radii": np.array(["a", "b", "c"])}, "radii must hold real numbers"),
-        ({"inertia": np.array([[1.0, 0.1, 0], [0, 1, 0], [0, 0, 1]])}, "inertia is not symmetric"),
+        ({"inertia": skewed(0.9e-9)}, None),
+        ({"inertia": skewed(1.1e-9)}, "inertia is not symmetric"),
         ({"inertia": np.diag([1.0, 1.0, -1.0])}, "principal moment that is not positive"),
-        ({"inertia": np.diag([1.0, 1.0, 2.1])}, "belongs to no solid"),
-        ({"inertia": 1e300 * np.eye(3)}, "inertia is out of all proportion"),
-        ({"inertia": 1e-30 * np.eye(3)}, "inertia is out of all proportion"),
+        ({"inertia": np.diag([1.0, 1.0, 2.0 + 1.9e-9])}, None),
+        ({"inertia": np.diag([1.0, 1.0, 2.0 + 2.1e-9])}, "belongs to no solid"),
+        *(({"inertia": s * REACH**2 * np.eye(3)}, None) for s in (0.99e12, 1.01e-12)),
+        *(({"inertia": s * REACH**2 * np.eye(3)}, "out of all proportion") for s in (1.01e12, 0.99e-12)),
         ({"inertia": np.eye(2)}, r"inertia must have shape \(3, 3\)"),
         ({"volume": -1.0}, "volume must be positive"),
-        ({"bounding_radius": 0.1}, "bounding_radius is less than the spheres' reach"),
+        ({"bounding_radius": REACH * (1.0 - 0.9e-9)}, None),
+        ({"bounding_radius": REACH * (1.0 - 1.1e-9)}, "bounding_radius is less than the spheres' reach"),
         ({"origin": np.zeros(2)}, r"origin must have shape \(3,\)"),
         ({"mass": 0.0}, "mass must be positive"),
     ],
@@ -128,6 +141,9 @@ def test_inconsistent_files_are_refused_by_name_field_and_value(tmp_path, change
     path = tmp_path / "bad.npz"
     values = {**arrays(example()), "volume": 0.1, "bounding_radius": 0.6, **change}
     np.savez(path, **{key: value for key, value in values.items() if value is not None})
+    if message is None:
+        load_packing(path)
+        return
     with pytest.raises(InvalidModelError, match=message) as caught:
         load_packing(path)
     assert str(path) in str(caught.value)
