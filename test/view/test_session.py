@@ -65,6 +65,27 @@ def test_standard_deviations_are_scaled_or_given(scene, belief):
     assert (other.friction, other.friction_std) == (0.0, 0.0), "what is uncertain varies about more than 0"
 
 
+@pytest.mark.parametrize("joint", [False, True])
+def test_spreads_of_several_bodies_are_scaled_with_their_correlations(joint):
+    """Of two bodies beside a fixed one, whose angular velocities are known."""
+    pin, rng = load_model("pin").prefix(10), np.random.default_rng(0)
+    bodies = [RigidBody("a", pin, 0.5), RigidBody("post", pin, fixed=True), RigidBody("b", pin, 1.5)]
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()])
+    root = 0.01 * rng.standard_normal((2, 12, 40))
+    root[:, 9:] = 0.0
+    P = np.einsum("aik,bjk->aibj", root, root)
+    given = P.reshape(24, 24) if joint else P[[0, 1], :, [0, 1]]
+    mean = np.tile([0.0, 0, 1, 0, 0, 0, 0.6, 0, 0, 0.8, 0, 0, 0], (3, 1))
+    rms = np.sqrt(np.mean(np.einsum("aiai->ai", P)[:, 6:9]))
+    asked = {"orientation_std": 3.0 * rms, "angular_velocity_std": 0.2, "friction": 0.3, "friction_std": 0.9}
+    other, changed = adjusted(scene, Belief(mean, given, [0, 2]), asked)
+    factors, added = np.repeat([1.0, 3.0, 1.0], [6, 3, 3]), np.diag(np.repeat([0.0, 0.04], [9, 3]))
+    expected = P * factors[:, None, None] * factors + np.einsum("ab,ij->aibj", np.eye(2), added)
+    expected = expected.reshape(24, 24) if joint else expected[[0, 1], :, [0, 1]]
+    np.testing.assert_allclose(changed.covariance, expected, rtol=1e-12, atol=1e-18)
+    assert (other.friction, other.friction_std) == (0.3, 0.3), "a standard deviation is at most the friction"
+
+
 @pytest.mark.parametrize(
     ("options", "code", "said"),
     [
