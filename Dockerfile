@@ -15,6 +15,7 @@ SHELL ["/bin/bash", "-c"]
 # hadolint ignore=DL3013
 RUN source /opt/ros/jazzy/setup.bash && python3 -m venv --system-site-packages venv && touch venv/COLCON_IGNORE \
     && source venv/bin/activate && pip install --no-cache-dir "numpy<2" "numba>=0.60,<0.69" scipy trimesh \
+      coacd==1.0.14 manifold3d \
     && colcon build --base-paths src/unc_physics src/unc_physics/unc_physics_msgs \
     && source install/setup.bash && python -m unc_physics warm-up
 CMD ["bash", "-c", "source /opt/ros/jazzy/setup.bash && source venv/bin/activate && source install/setup.bash \

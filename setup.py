@@ -27,8 +27,8 @@ class MaybeCompiled(Distribution):
         return any((HERE / NAME / "kernels").glob("*/*.kernel"))
 
 
-# manifold3d for the handle of the mug, networkx for repairs, matplotlib for pictures
-GEOMETRY = ["manifold3d>=3", "matplotlib>=3.7", "networkx>=3", "scipy", "trimesh>=4"]
+# coacd for decompositions, manifold3d for the mug's handle, networkx for repairs, matplotlib for pictures
+GEOMETRY = ["coacd>=1.0.14", "manifold3d>=3", "matplotlib>=3.7", "networkx>=3", "scipy", "trimesh>=4"]
 # yourdfpy for robots and worlds in URDF
 DESCRIPTIONS = [*GEOMETRY, "yourdfpy>=0.0.56"]
 # viser for the page in the browser

@@ -9,9 +9,9 @@ from unc_physics import load_model
 from unc_physics.geometry import shapes as meshes
 from unc_physics.geometry.household import HOUSEHOLD
 from unc_physics.geometry.recipes import RECIPES
+from unc_physics.geometry.surface_error import distances_of_points, surface_error
 from unc_physics.shapes.pieces import Lathe, convex_outline
 from unc_physics.shapes.revolution import convex_parts, lathe_pieces
-from unc_physics.shapes.surface_error import distances_of_points, surface_error
 
 TOLERANCE = 7e-4
 OUTSIDE, INSIDE = 5e-5, 7e-4  # agreed surface errors [m]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 
 from ..checks.shown import plain_digits, printable
@@ -10,6 +11,7 @@ from ..programs import dying_at_interrupt
 from .arguments import add_options
 from .output import PROGRESS_AFTER, check_output, note, writing
 
+_PIECES = 32  # the default of `mesh_pieces`, which is not imported for --help
 _LARGE, _SMALL = 1e4, 1.0  # size range of a body [mm]; outside it, the mesh may have another unit
 
 
@@ -19,8 +21,10 @@ def add_pack_command(commands) -> None:
         "pack",
         help="pack a mesh with spheres",
         description=(
-            "Fill a closed mesh with disjoint spheres and write them as a model file. The first spheres give"
-            " the body its extent, flat faces and rims; the others follow by size."
+            "Make a model file of a closed mesh: convex pieces that are its shape, and disjoint spheres that"
+            " fill it. Boxes, cylinders, spheres, capsules and surfaces of revolution are recognised; a mesh"
+            " that fills 97 % of its convex hull is its hull; coacd cuts others into hulls. The first spheres"
+            " give the body its extent, flat faces and rims; the others follow by size."
             " Mass properties are those of the mesh, at uniform density."
         ),
         epilog=(
@@ -39,6 +43,19 @@ def add_pack_command(commands) -> None:
         "--output",
         metavar="OUT.npz",
         help="model file to write (default: NAME.npz in the user's own models, where it is found by name)",
+    )
+    parser.add_argument(
+        "--pieces",
+        type=int,
+        default=_PIECES,
+        metavar="P",
+        help="number of convex pieces to aim at (default 32); more are not always nearer to the mesh",
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="M",
+        help="largest distance between the pieces and the mesh [m] (default: 10 %% of its longest side)",
     )
     parser.add_argument("--name", help="name of the model (default: the name of OUT.npz, or else of MESH)")
     parser.add_argument(
@@ -136,7 +153,8 @@ def run_pack(arguments: argparse.Namespace) -> int:
     from ..geometry.solid_mesh import load_solid, mesh_notes
 
     _check_positive("-n", arguments.spheres)
-    for option in ("scale", "mass"):
+    _check_positive("--pieces", arguments.pieces)
+    for option in ("scale", "mass", "tolerance"):
         value = getattr(arguments, option)
         if value is not None and not 0.0 < value < float("inf"):
             raise InvalidOptionError("must be a positive number", field=f"--{option}", value=value)
@@ -163,7 +181,8 @@ def run_pack(arguments: argparse.Namespace) -> int:
             note(line)
     solid = replace(solid.scaled(arguments.scale), name=name)
     about |= {"largest_first": arguments.largest_first}
-    _pack(solid, arguments.spheres, arguments.threads, output, **about)
+    pieces = _pieces(solid, arguments.pieces, arguments.tolerance, arguments.threads)
+    _pack(solid, arguments.spheres, arguments.threads, output, **about, pieces=pieces)
     _note_units(solid, arguments.scale)
     return 0
 
@@ -295,8 +314,45 @@ def _make(arguments):
         output = _model_output(arguments.output and Path(arguments.output) / f"{stem}.npz", stem)
         solid, about = recipe_solid(name, arguments.meshes)
         about |= {"largest_first": RECIPES[name].largest_first}
+        if "pieces" not in about:
+            about["pieces"] = _pieces(solid, RECIPES[name].pieces, None, arguments.threads)
         _pack(solid, arguments.spheres or RECIPES[name].spheres, arguments.threads, output, **about)
     return 0
+
+
+def _pieces(solid, most, tolerance, threads):
+    """Return the pieces of a mesh, and print what they are; none where coacd is needed and missing."""
+    from ..checks.errors import InvalidMeshError, NotSupportedError
+    from ..geometry.mesh_pieces import mesh_pieces
+
+    start = time.perf_counter()
+    try:
+        found = mesh_pieces(solid, most, tolerance, threads=threads)
+    except NotSupportedError as error:
+        note(f"{error}; without pieces, a small body can pass between spheres")
+        return ()
+    except InvalidMeshError as error:
+        problem = error.problem.replace(
+            "ask for more pieces, or allow", "--pieces asks for more, --tolerance for"
+        )
+        raise InvalidMeshError(problem, field=error.field, value=error.value) from None
+    count = len(found.pieces)
+    print(
+        f"{count} piece{'s' * (count > 1)}: {found.kind} ({time.perf_counter() - start:.1f} s)\n"
+        f"{error_text(found.error)}"
+    )
+    if found.note:
+        note(found.note)
+    return found.pieces
+
+
+def error_text(error) -> str:
+    """Return a line about a surface error."""
+    mean, high, outside, inside = (f"{1e3 * x:.2f} mm" for x in error)
+    return (
+        f"surface error: mean {mean}, 99 % {high}; largest: the mesh {outside} outside the pieces,"
+        f" the pieces {inside} outside the mesh"
+    )
 
 
 def _pack(solid, count, threads, output, **about):

@@ -23,6 +23,7 @@ from ..checks.errors import InvalidMeshError, InvalidOptionError, InvalidRequest
 from ..checks.memory import require_memory
 from ..checks.validation import instance
 from .ascent import Space, climb_all, place, starts_around, starts_at_surface
+from .mesh_pieces import simple_pieces
 from .packing_file import ROUND_OFF, SpherePacking, spheres_reach
 from .quality import even_directions, extent_losses, prefix_lengths, sinks
 from .solid_mesh import SolidMesh
@@ -79,7 +80,8 @@ def pack_solid(
     progress : callable, optional
         Called now and then with the number of spheres placed and the part of the volume filled.
     **about
-        ``source``, ``licence`` and ``pieces`` for the model file.
+        ``source``, ``licence`` and ``pieces`` for the model file. Without pieces, a solid that is a simple
+        shape or convex gets them (`simple_pieces`); others have none but their spheres.
 
     Returns
     -------
@@ -125,6 +127,8 @@ def pack_solid(
             field=f"mesh {solid.name}",
         )
     lengths = prefix_lengths(len(radii))
+    if "pieces" not in about and (simple := simple_pieces(solid)) is not None:
+        about["pieces"] = simple[0]
     return SpherePacking(
         name=solid.name,
         centers=centers,

@@ -116,8 +116,9 @@ def _packed(shape, lengths):
         from .supports import capsule_supports
 
         supports = capsule_supports(*lengths) if shape == "capsule" else None
-        packing = pack_solid(make_solid(shape, *primitive(shape, lengths)), SPHERES, supports=supports)
-        packing = replace(packing, pieces=primitive_pieces(shape, lengths))
+        solid = make_solid(shape, *primitive(shape, lengths))
+        pieces = primitive_pieces(shape, lengths)
+        packing = pack_solid(solid, SPHERES, supports=supports, pieces=pieces)
     except ImportError as error:
         raise NotSupportedError(
             f"needs {error.name} to be packed: pip install 'unc_physics[geometry]'", field=shape

@@ -9,6 +9,7 @@ from pathlib import Path
 from ..checks.errors import InvalidMeshError, UnknownModelError
 from . import shapes
 from .household import HOUSEHOLD, household_pieces
+from .mesh_pieces import PIECES
 from .solid_mesh import SolidMesh, load_solid, make_solid
 
 STANFORD = (
@@ -34,6 +35,7 @@ class Recipe:
     density: float = 0.0  # kg/m^3, where there is no mass
     scale: float = 1.0
     largest_first: bool = False
+    pieces: int = PIECES  # of a decomposition, at most
 
 
 RECIPES = {

@@ -1,0 +1,148 @@
+"""Pieces of meshes: hulls and convex decompositions, and the surface error that judges them."""
+
+import numpy as np
+import pytest
+import trimesh
+from example_meshes import MESHES
+
+from unc_physics.checks.errors import InvalidMeshError, InvalidOptionError, NotSupportedError
+from unc_physics.geometry import mesh_pieces as module
+from unc_physics.geometry.mesh_pieces import hull_piece, hull_pieces, mesh_pieces, simple_pieces
+from unc_physics.geometry.packing import pack_solid
+from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.geometry.surface_error import distances_outside, surface_error
+from unc_physics.shapes.mass_properties import mass_properties
+from unc_physics.shapes.pieces import ball, box
+
+
+def solid_of(name, *meshes):
+    mesh = trimesh.util.concatenate(meshes)
+    return make_solid(name, mesh.vertices, mesh.faces)
+
+
+def bracket():
+    """An L of two plates: 100 x 50 x 10 mm and 10 x 50 x 90 mm."""
+    foot = trimesh.creation.box((0.1, 0.05, 0.01))
+    wall = trimesh.creation.box((0.01, 0.05, 0.09))
+    wall.apply_translation([-0.045, 0.0, 0.05])
+    return solid_of("bracket", foot.union(wall))
+
+
+VOLUME = 0.1 * 0.05 * 0.01 + 0.01 * 0.05 * 0.09
+
+
+def test_parts_of_a_body_are_recognised_one_by_one():
+    ball_mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.02)
+    ball_mesh.apply_translation([0.0, 0.0, 0.1])
+    solid = solid_of("two", trimesh.creation.box((0.1, 0.1, 0.1)), ball_mesh)
+    pieces, kind = simple_pieces(solid)
+    assert len(pieces) == 2 and set(kind.split(", ")) == {"box", "sphere"}
+    assert pack_solid(solid, 20).pieces[0].points.shape == pieces[0].points.shape
+
+
+def test_a_sealed_cavity_is_filled():
+    pieces, kind = simple_pieces(make_solid("hollow ball", *MESHES["hollow ball"]()))
+    assert kind == "hull" and len(pieces) == 1  # too coarse for a sphere
+
+
+def test_a_nearly_convex_mesh_is_its_hull():
+    rng = np.random.default_rng(2)
+    points = rng.normal(size=(500, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    mesh = trimesh.convex.convex_hull(points * [0.1, 0.05, 0.02])
+    found = mesh_pieces(solid_of("pebble", mesh))
+    assert found.kind == "hull" and len(found.pieces) == 1 and found.note is None
+    assert len(found.pieces[0].points) <= module._CORNERS
+    assert found.error.outside < 0.02 * found.extent and found.error.inside < 1e-6
+
+
+def test_without_coacd_a_mesh_is_not_cut(monkeypatch):
+    monkeypatch.setattr(module, "find_spec", lambda _: None)
+    with pytest.raises(NotSupportedError, match="coacd, which cuts it into convex pieces, is not installed"):
+        mesh_pieces(bracket())
+
+
+def test_a_hull_of_many_points_has_few_corners_and_is_near_them():
+    mesh = trimesh.creation.icosphere(subdivisions=5)
+    hull = hull_piece(np.asarray(mesh.vertices), 0.05)
+    assert len(hull.points) <= module._CORNERS
+    assert surface_error([hull], np.asarray(mesh.triangles), 500).outside < 0.05
+
+
+def test_the_surface_error_sees_both_surfaces():
+    """A hull over a bowl's opening is far from the mesh, though no point of the mesh is deep inside it."""
+    pan = trimesh.creation.box((1.0, 1.0, 0.2)).difference(
+        trimesh.creation.box(
+            (0.9, 0.9, 0.2), transform=trimesh.transformations.translation_matrix([0, 0, 0.05])
+        )
+    )
+    corners = np.asarray(pan.triangles)
+    found = surface_error([box((1.0, 1.0, 0.2))], corners, 2000)
+    assert found.outside < 1e-6
+    assert found.inside == pytest.approx(0.15, rel=0.02)  # the lid over the bottom
+    assert found.mean <= found.high <= found.largest
+
+
+def test_distances_outside_are_those_of_a_ball():
+    mesh = trimesh.creation.icosphere(subdivisions=4)
+    points = np.random.default_rng(1).uniform(-2.0, 2.0, (3000, 3))
+    expected = np.maximum(np.linalg.norm(points, axis=1) - 1.0, 0.0)
+    np.testing.assert_allclose(distances_outside(np.asarray(mesh.triangles), points), expected, atol=3e-3)
+
+
+def test_errors_of_a_shifted_ball():
+    mesh = trimesh.creation.icosphere(subdivisions=4)
+    found = surface_error([ball(1.0, (0.1, 0.0, 0.0))], np.asarray(mesh.triangles))
+    assert found.outside == pytest.approx(0.1, abs=3e-3) and found.inside == pytest.approx(0.1, abs=3e-3)
+    assert found.mean == pytest.approx(0.05, abs=3e-3)  # the mean of 0.1 |cos|
+
+
+@pytest.mark.parametrize("value", [0, -1, 1.5, True, 20_000])
+def test_numbers_of_pieces(value):
+    with pytest.raises(InvalidOptionError, match="pieces must be an integer from 1"):
+        mesh_pieces(bracket(), most=value)
+
+
+def test_a_tolerance_that_the_pieces_miss(monkeypatch):
+    monkeypatch.setattr(module, "_decomposed", lambda solid, *_: hull_pieces(solid))
+    with pytest.raises(
+        InvalidMeshError, match="mesh bracket is .* mm off its 1 pieces, and 10 mm are allowed"
+    ):
+        mesh_pieces(bracket())
+    assert mesh_pieces(bracket(), tolerance=0.1).kind == "hull"
+    assert "of the extent" in hull_pieces(bracket()).note
+
+
+def test_a_bracket_is_two_plates():
+    pytest.importorskip("coacd")
+    found = mesh_pieces(bracket())
+    assert found.kind == "convex decomposition" and len(found.pieces) == 2
+    assert mass_properties(found.pieces).volume == pytest.approx(VOLUME, rel=0.002)
+    assert found.error.largest < 1e-4
+
+
+def test_a_bin_with_thin_walls_gets_fine_pieces():
+    """The coarse cuts close the bin: finer ones are tried until the error is allowed."""
+    pytest.importorskip("coacd")
+    from unc_physics.geometry import shapes
+
+    found = mesh_pieces(make_solid("bin", *shapes.bin()), seconds=300.0)
+    assert len(found.pieces) <= module.PIECES and found.error.largest < 0.02 * found.extent
+
+
+def test_the_same_pieces_on_any_number_of_threads_and_no_time():
+    pytest.importorskip("coacd")
+    one, two = (mesh_pieces(bracket(), threads=threads) for threads in (1, 2))
+    for a, b in zip(one.pieces, two.pieces, strict=True):
+        np.testing.assert_array_equal(a.points, b.points)
+    with pytest.raises(TimeoutError):
+        mesh_pieces(bracket(), seconds=0.0)
+
+
+def test_a_mesh_that_stops_the_cutting_program(monkeypatch):
+    pytest.importorskip("coacd")
+    from unc_physics.geometry import convex_parts
+
+    monkeypatch.setattr(convex_parts, "__name__", "unc_physics.geometry.no_such_program")
+    with pytest.raises(InvalidMeshError, match="cannot be cut into convex parts: coacd ends with"):
+        mesh_pieces(bracket())

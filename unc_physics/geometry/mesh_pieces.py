@@ -1,0 +1,259 @@
+"""Pieces of a mesh: a simple shape that is recognised, else its hull, else a convex decomposition."""
+
+from __future__ import annotations
+
+import time
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks.errors import InvalidMeshError, InvalidModelError, InvalidOptionError, NotSupportedError
+from ..shapes.piece_file import PIECES_LIMIT
+from ..shapes.pieces import Hull, Piece
+from .convex_parts import convex_parts
+from .recognition import recognized
+from .solid_mesh import SolidMesh, components
+from .surface_error import SurfaceError, surface_error
+
+#: Number of pieces of a mesh, if no other number is asked for.
+PIECES = 32
+#: Share of its hull that a mesh fills that is taken for convex.
+CONVEX = 0.97
+#: Surface errors as shares of the extent: the 99th percentile that deserves a note, the largest one allowed.
+NOTED, REFUSED = 0.02, 0.10
+#: Concavities at which coacd stops to cut; of those, the number that is always tried. The finer ones are for
+#: meshes with thin walls: they are tried until the error is within the tolerance.
+_THRESHOLDS, _TRIED = (0.1, 0.05, 0.02, 0.01), 2
+#: Shares of the extent: by which a mesh is simplified before it is cut, and by which hulls are.
+_SIMPLIFIED, _HULL = 0.002, 0.001
+#: Most corners of a hull.
+_CORNERS = 96
+#: Errors that differ by less, as a share of the extent, are equal: then fewer pieces are better.
+_EQUAL = 0.001
+_STARTS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z])
+
+
+class MeshPieces(NamedTuple):
+    """Pieces of a mesh.
+
+    Attributes
+    ----------
+    pieces : tuple of Piece
+        In the body frame [m].
+    kind : str
+        What they are: the names of recognised shapes, 'hull' or 'convex decomposition'.
+    error : SurfaceError
+        Distances between the surfaces of the mesh and of the pieces [m].
+    extent : float
+        Longest edge of the mesh's bounding box [m].
+    """
+
+    pieces: tuple[Piece, ...]
+    kind: str
+    error: SurfaceError
+    extent: float
+
+    @property
+    def note(self) -> str | None:
+        """A sentence if the pieces are far from the mesh, or None."""
+        if self.error.high <= NOTED * self.extent:
+            return None
+        return (
+            f"1 % of the surface is {1e3 * self.error.high:.2g} mm or more off the pieces, which is"
+            f" {self.error.high / self.extent:.1%} of the extent; more pieces may be nearer"
+        )
+
+
+def simple_pieces(solid: SolidMesh, most: int = PIECES) -> tuple[tuple[Piece, ...], str] | None:
+    """Return pieces and their kind if each component of a solid is a simple shape or convex, else None.
+
+    Sealed cavities are filled, as no other body gets there.
+    """
+    pieces: list[Piece] = []
+    kinds: list[str] = []
+    for corners in _outer_components(solid.corners):
+        found = recognized(corners, most) or _convex(corners)
+        if found is None:
+            return None
+        kinds.append(found[0])
+        pieces += found[1]
+    counts = {kind: kinds.count(kind) for kind in kinds}
+    kind = ", ".join(name if n == 1 else f"{name} ({n} times)" for name, n in counts.items())
+    return (tuple(pieces), kind) if len(pieces) <= PIECES_LIMIT else None
+
+
+def hull_pieces(solid: SolidMesh) -> MeshPieces:
+    """Return the convex hull of a solid as its piece."""
+    points = solid.corners.reshape(-1, 3)
+    return _measured((hull_piece(points, _HULL * _extent(solid)),), "hull", solid)
+
+
+def mesh_pieces(
+    solid: SolidMesh,
+    most: int = PIECES,
+    tolerance: float | None = None,
+    seconds: float | None = None,
+    threads: int | None = None,
+) -> MeshPieces:
+    """Return the pieces of a solid.
+
+    Each component that is a box, cylinder, sphere, capsule or surface of revolution is recognised, and one
+    that fills 97 % of its hull is its hull. Other solids are cut by the library coacd. A few settings are
+    tried, and the result with the smallest surface error is kept: more pieces are not always nearer.
+
+    Parameters
+    ----------
+    solid : SolidMesh
+    most : int
+        Number of pieces, at most; a hollow surface of revolution may need more.
+    tolerance : float, optional
+        Largest surface error [m]. By default 10 % of the extent.
+    seconds : float, optional
+        Time for cutting; the best result until then is kept.
+    threads : int, optional
+        Threads for cutting; the result does not depend on it.
+
+    Raises
+    ------
+    InvalidOptionError
+        If ``most`` is not an integer from 1 to 10 000, or the tolerance is not positive.
+    InvalidMeshError
+        If the surface error is larger than the tolerance.
+    NotSupportedError
+        If the solid must be cut and coacd is not installed.
+    TimeoutError
+        If the time was not enough for a first result.
+    """
+    if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or not 1 <= most <= PIECES_LIMIT:
+        raise InvalidOptionError(f"must be an integer from 1 to {PIECES_LIMIT}", field="pieces", value=most)
+    if tolerance is not None and not 0.0 < tolerance < np.inf:
+        raise InvalidOptionError("must be a positive number", field="tolerance", value=tolerance)
+    simple = simple_pieces(solid, most)
+    found = _measured(*simple, solid) if simple else _decomposed(solid, most, tolerance, seconds, threads)
+    limit = REFUSED * found.extent if tolerance is None else tolerance
+    if found.error.largest > limit:
+        raise InvalidMeshError(
+            f"is {1e3 * found.error.largest:.3g} mm off its {len(found.pieces)} pieces, and"
+            f" {1e3 * limit:.3g} mm are allowed; ask for more pieces, or allow a larger tolerance",
+            field=f"mesh {solid.name}",
+        )
+    return found
+
+
+def hull_piece(points: np.ndarray, tolerance: float) -> Hull:
+    """Return the convex hull of points (n, 3) with at most `_CORNERS` corners.
+
+    Corners are added where the hull is farthest from the points, until it is within a tolerance [m].
+    """
+    from scipy.spatial import ConvexHull
+
+    corners = points[ConvexHull(points).vertices]
+    if len(corners) <= _CORNERS:
+        return Hull(corners)
+    chosen = np.unique((corners @ _STARTS.T).argmax(axis=0))
+    inner = ConvexHull(corners[chosen], incremental=True)
+    left = np.ones(len(corners), bool)
+    left[chosen] = False
+    for _ in range(_CORNERS - len(chosen)):
+        outside = (corners @ inner.equations[:, :3].T + inner.equations[:, 3]).max(axis=1)
+        farthest = int(np.where(left, outside, -np.inf).argmax())
+        if outside[farthest] <= tolerance:
+            break
+        inner.add_points(corners[farthest][None])
+        left[farthest] = False
+    return Hull(corners[~left])
+
+
+def _extent(solid):
+    return float(np.ptp(solid.bounds, axis=0).max())
+
+
+def _measured(pieces, kind, solid) -> MeshPieces:
+    corners = np.concatenate(_outer_components(solid.corners))
+    return MeshPieces(tuple(pieces), kind, surface_error(pieces, corners), _extent(solid))
+
+
+def _outer_components(corners) -> list[np.ndarray]:
+    """Return the triangles (m, 3, 3) of each component that is no cavity."""
+    points, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    label = components(number.reshape(-1, 3), len(points))
+    signed = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    outer = np.flatnonzero(np.bincount(label, weights=signed) > 0.0)
+    return [corners[label == k] for k in outer]
+
+
+def _convex(corners):
+    """Return the hull of a component if it fills it, else None."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    points = corners.reshape(-1, 3)
+    try:
+        volume = ConvexHull(points).volume
+        inside = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+        if inside < CONVEX * volume:
+            return None
+        return "hull", (hull_piece(points, _HULL * float(np.ptp(points, axis=0).max())),)
+    except (QhullError, InvalidModelError):  # too flat
+        return None
+
+
+def _decomposed(solid, most, tolerance, seconds, threads) -> MeshPieces:
+    """Return the best of a few decompositions."""
+    if find_spec("coacd") is None:
+        raise NotSupportedError(
+            "is not convex, and coacd, which cuts it into convex pieces, is not installed: pip install coacd",
+            field=f"mesh {solid.name}",
+        )
+    extent = _extent(solid)
+    end = None if seconds is None else time.monotonic() + seconds
+    vertices, faces = _simplified(np.concatenate(_outer_components(solid.corners)), _SIMPLIFIED * extent)
+    best: MeshPieces | None = None
+    limit = REFUSED * extent if tolerance is None else tolerance
+    for k, threshold in enumerate(_THRESHOLDS):
+        left = None if end is None else end - time.monotonic()
+        try:
+            if left is not None and left <= 0.0:
+                raise TimeoutError("the time for cutting is over")
+            parts = convex_parts(vertices, faces, threshold, most, left, threads)
+        except TimeoutError:
+            if best is None:
+                raise
+            break
+        hulls = [hull for part in parts if (hull := _hull_or_none(part, _HULL * extent)) is not None]
+        found = _measured(hulls, "convex decomposition", solid)
+        if best is None or _rank(found) < _rank(best):
+            best = found
+        if best.error.largest <= (limit if k + 1 >= _TRIED else _EQUAL * extent):
+            break
+    assert best is not None
+    return best
+
+
+def _rank(found):
+    return round(found.error.high / (_EQUAL * found.extent)), len(found.pieces), found.error.largest
+
+
+def _hull_or_none(points, tolerance):
+    """Return the hull of points, or None if they are in a plane."""
+    from scipy.spatial import QhullError
+
+    try:
+        return hull_piece(points, tolerance)
+    except (QhullError, InvalidModelError):
+        return None
+
+
+def _simplified(corners, tolerance):
+    """Return vertices and triangles of a mesh, with fewer of them if manifold3d is installed."""
+    vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    if find_spec("manifold3d") is not None:
+        import manifold3d
+
+        mesh = manifold3d.Mesh(vertices.astype(np.float32), faces.astype(np.uint32))
+        less = manifold3d.Manifold(mesh).simplify(tolerance)
+        if less.status() == manifold3d.Error.NoError and less.num_tri() > 0:
+            mesh = less.to_mesh()
+            return np.asarray(mesh.vert_properties, float)[:, :3], np.asarray(mesh.tri_verts, np.int64)
+    return vertices, faces

@@ -1,0 +1,40 @@
+"""Triangles of a piece's surface, to be drawn and to be measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..shapes.pieces import Hull, Lathe
+from .quality import even_directions
+
+#: Corners around a whole turn of a lathe: 0.01 % of the radius is cut off.
+AROUND = 192
+_ROUND = 96  # directions on the ball that sweeps a piece
+
+
+def piece_mesh(piece: Hull | Lathe) -> np.ndarray:
+    """Return triangles (m, 3, 3) of a piece's surface, counter-clockwise from outside [m].
+
+    What is round has corners on the surface.
+    """
+    from scipy.spatial import ConvexHull
+
+    points = piece.points if isinstance(piece, Hull) else _arcs(piece)
+    if piece.rounding > 0.0:
+        swept = points[:, None] + piece.rounding * even_directions(_ROUND)
+        points = swept.reshape(-1, 3)
+    found = ConvexHull(points)
+    triangles = points[found.simplices]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    inward = np.einsum("ij,ij->i", normals, found.equations[:, :3]) < 0.0
+    triangles[inward] = triangles[inward, ::-1]
+    return triangles
+
+
+def _arcs(lathe):
+    """Return points (n, 3) on the arcs of a lathe's profile."""
+    count = max(2, round(AROUND * lathe.half_angle / np.pi)) + 1
+    angles = lathe.azimuth + np.linspace(-lathe.half_angle, lathe.half_angle, count)
+    radius, height = lathe.profile.T
+    local = [np.column_stack([radius * np.cos(a), radius * np.sin(a), height]) for a in angles]
+    return np.concatenate(local) @ lathe.axes.T + lathe.origin

@@ -1,0 +1,166 @@
+"""How far the surfaces of a mesh and of its pieces are apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiler import kernel
+from ..compiler.arrays import empty
+from ..shapes.distance import DIRECTIONS, STARTS, identity_frame, least_gap
+from ..shapes.pieces import Hull, Piece, piece_arrays
+from .piece_mesh import piece_mesh
+from .triangle_tree import LEAF_SIZE, build_triangle_tree, nearest_on_mesh
+
+_POINT = 1e-12  # radius of a ball that stands for a point [m]
+_ROUND_OFF = 1e-9  # share of the extent by which a point on a surface may be inside
+#: Direction of the rays whose crossings say what is inside; it lies in no plane of symmetry of usual meshes.
+_RAY = 0.5406, 0.3127, 0.7810
+
+
+class SurfaceError(NamedTuple):
+    """Distances between the surfaces of a mesh and of its pieces [m].
+
+    Attributes
+    ----------
+    mean, high : float
+        Mean and 99th percentile over points of both surfaces, evenly by area. Parts of pieces that are inside
+        the mesh, or inside other pieces, do not count.
+    outside : float
+        Largest distance by which the mesh is outside the pieces.
+    inside : float
+        Largest distance by which pieces are outside the mesh, or the mesh inside a piece.
+    """
+
+    mean: float
+    high: float
+    outside: float
+    inside: float
+
+    @property
+    def largest(self) -> float:
+        """Largest distance, either way [m]."""
+        return max(self.outside, self.inside)
+
+
+def surface_error(pieces: Sequence[Piece], corners: np.ndarray, count: int = 4000) -> SurfaceError:
+    """Return the distances between the surfaces of a mesh and of its pieces.
+
+    Parameters
+    ----------
+    pieces : sequence of Piece
+    corners : (m, 3, 3) array
+        Corners of the mesh's triangles, counter-clockwise from outside, in the axes of the pieces [m].
+    count : int
+        Number of points on each of the two surfaces. Up to as many corners of the mesh are added for the
+        largest distances.
+    """
+    points = surface_points(corners, count)
+    step = -(-len(corners) // count)
+    signed = distances_of_points(pieces, np.concatenate([points, corners[::step, 0]]))
+    exposed = surface_points(np.concatenate([piece_mesh(piece) for piece in pieces]), count)
+    slack = _ROUND_OFF * float(np.ptp(corners, axis=(0, 1)).max())
+    exposed = exposed[distances_of_points(pieces, exposed) > -slack]
+    beyond = distances_outside(corners, exposed)
+    both = np.concatenate([np.abs(signed[: len(points)]), beyond[beyond > 0.0]])
+    return SurfaceError(
+        float(both.mean()),
+        float(np.quantile(both, 0.99)),
+        float(max(signed.max(), 0.0)),
+        float(max(-signed.min(), beyond.max(initial=0.0))),
+    )
+
+
+def surface_points(corners: np.ndarray, count: int) -> np.ndarray:
+    """Return points (count, 3) of triangles (m, 3, 3), evenly by area; the same ones in each call."""
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    chosen = np.searchsorted(np.cumsum(areas) / areas.sum(), (np.arange(count) + 0.5) / count)
+    u, v = np.random.default_rng(0).random((2, count, 1))
+    root = np.sqrt(u)
+    a, b, c = np.moveaxis(corners[np.minimum(chosen, len(corners) - 1)], 1, 0)
+    return (1.0 - root) * a + root * (1.0 - v) * b + root * v * c
+
+
+def distances_of_points(pieces: Sequence[Piece], points: np.ndarray) -> np.ndarray:
+    """Return signed distances (n,) of points (n, 3) from pieces; below zero inside the deepest [m]."""
+    arrays = piece_arrays([pieces, [Hull([[0.0, 0.0, 0.0]], _POINT)]])
+    frames = np.stack([identity_frame(), identity_frame()])
+    return _distances(np.ascontiguousarray(points), frames, arrays.pieces, arrays.rows, DIRECTIONS) + _POINT
+
+
+def distances_outside(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return distances (n,) of points (n, 3) from a closed mesh; 0 inside it [m]."""
+    # a tree fills its leaves with copies, which would cross rays twice: triangles without area do not
+    full = LEAF_SIZE << max(0, math.ceil(math.log2(len(corners) / LEAF_SIZE)))
+    padding = np.broadcast_to(corners[0, 0], (full - len(corners), 3, 3))
+    tree = build_triangle_tree(np.concatenate([corners, padding]))
+    return _outside(tree, np.ascontiguousarray(points), *_RAY)
+
+
+@kernel
+def _distances(points, frames, pieces, rows, directions):
+    """Return the distances of points from all pieces but the last one, which stands for the point."""
+    work, tried, found = empty((12, 3)), empty((STARTS, 4)), empty((len(points),))
+    last = len(pieces) - 1
+    base = (0.0, 0.0, 0.0)
+    for k in range(len(points)):
+        frames[1, 0], frames[1, 1], frames[1, 2] = points[k, 0], points[k, 1], points[k, 2]
+        best = math.inf
+        for p in range(last):
+            best = min(best, least_gap(p, last, best, directions, tried, base, frames, pieces, rows, work)[0])
+        found[k] = best
+    return found
+
+
+@kernel
+def _outside(tree, points, u, v, w):
+    """Return the distance of each point from a mesh, or 0 if a ray (u, v, w) leaves the mesh once more."""
+    found = np.zeros(len(points))
+    for k in range(len(points)):
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
+        if _crossings(tree, x, y, z, u, v, w) % 2 == 0:
+            found[k] = nearest_on_mesh(tree, x, y, z, math.inf)[0]
+    return found
+
+
+@kernel
+def _crossings(tree, x, y, z, u, v, w):
+    """Return how often a ray from a point crosses a mesh (Moeller and Trumbore 1997)."""
+    boxes, triangles = tree.boxes, tree.triangles
+    nodes = np.empty(64, np.int64)
+    nodes[0], top, count = 1, 1, 0
+    while top > 0:
+        top -= 1
+        node = nodes[top]
+        near, far = 0.0, math.inf
+        for axis, (start, step) in enumerate(((x, u), (y, v), (z, w))):
+            near = max(near, (boxes[node, axis] - start) / step)
+            far = min(far, (boxes[node, axis + 3] - start) / step)
+        if near > far:
+            continue
+        if node < tree.first_leaf:
+            nodes[top], nodes[top + 1] = 2 * node, 2 * node + 1
+            top += 2
+            continue
+        first = (node - tree.first_leaf) * tree.leaf_size
+        for k in range(first, first + tree.leaf_size):
+            count += _crosses(triangles[k], x, y, z, u, v, w)
+    return count
+
+
+@kernel
+def _crosses(t, x, y, z, u, v, w):
+    """Return whether a ray crosses a triangle's record."""
+    hx, hy, hz = v * t[11] - w * t[10], w * t[9] - u * t[11], u * t[10] - v * t[9]
+    size = t[6] * hx + t[7] * hy + t[8] * hz
+    if size == 0.0:
+        return False
+    sx, sy, sz = x - t[0], y - t[1], z - t[2]
+    a = (sx * hx + sy * hy + sz * hz) / size
+    qx, qy, qz = sy * t[8] - sz * t[7], sz * t[6] - sx * t[8], sx * t[7] - sy * t[6]
+    b = (u * qx + v * qy + w * qz) / size
+    along = (t[9] * qx + t[10] * qy + t[11] * qz) / size
+    return a >= 0.0 and b >= 0.0 and a + b <= 1.0 and along > 0.0
