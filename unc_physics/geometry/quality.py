@@ -13,6 +13,8 @@ from .triangle_tree import build_triangle_tree, nearest_on_mesh
 PROBE = 0.010
 _STEPS = (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0)
 _DIRECTIONS = 4096
+#: Normals of the hull that are used, at most, and heights that are computed at once (128 MB).
+_NORMALS, _AT_ONCE = 8192, 16_000_000
 #: Directions that are improved for each number of spheres, the first and the last turn [rad].
 _IMPROVED, _FIRST_TURN, _LAST_TURN, _SHORTER = 48, 0.05, 2e-4, 0.6
 #: Points and spheres that are known near to such a direction: those that reach farthest there.
@@ -43,8 +45,11 @@ def extent_losses(corners, spheres, lengths) -> np.ndarray:
     mesh's hull, and improved from the largest ones by a pattern search.
     """
     points, normals = hull(corners.reshape(-1, 3))
+    # a finer hull has no face that the even directions and the search from the best of them would miss
+    normals = normals[:: -(-len(normals) // _NORMALS) or 1]
     directions = np.concatenate([even_directions(_DIRECTIONS), normals])
-    reach = (directions @ points.T).max(axis=1)
+    parts = np.array_split(directions, -(-len(directions) * len(points) // _AT_ONCE))
+    reach = np.concatenate([(part @ points.T).max(axis=1) for part in parts])
     covered = np.full(len(directions), -np.inf)
     losses, before = np.empty(len(lengths)), 0
     for i, length in enumerate(lengths):
