@@ -69,7 +69,7 @@ def convex_parts(
 
 def main(folder: Path) -> None:
     """Cut the mesh of a folder."""
-    import coacd
+    import coacd  # pyright: ignore[reportMissingImports]  # optional
 
     coacd.set_log_level("error")
     with np.load(folder / "mesh.npz") as given:

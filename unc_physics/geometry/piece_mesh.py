@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..shapes.pieces import Hull, Lathe
+from ..shapes.pieces import HalfSpace, Hull, Piece
 from .quality import even_directions
 
 #: Corners around a whole turn of a lathe: 0.01 % of the radius is cut off.
@@ -12,13 +12,15 @@ AROUND = 192
 _ROUND = 96  # directions on the ball that sweeps a piece
 
 
-def piece_mesh(piece: Hull | Lathe) -> np.ndarray:
+def piece_mesh(piece: Piece) -> np.ndarray:
     """Return triangles (m, 3, 3) of a piece's surface, counter-clockwise from outside [m].
 
-    What is round has corners on the surface.
+    What is round has corners on the surface. A half-space has none.
     """
     from scipy.spatial import ConvexHull
 
+    if isinstance(piece, HalfSpace):
+        return np.zeros((0, 3, 3))
     points = piece.points if isinstance(piece, Hull) else _arcs(piece)
     if piece.rounding > 0.0:
         swept = points[:, None] + piece.rounding * even_directions(_ROUND)

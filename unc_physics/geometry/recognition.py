@@ -255,10 +255,10 @@ def _circles(points, same):
     """Return the distinct ones of points (n, 2) that differ by more than ``same``, and the number of each."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     cells, member = np.unique(np.round(points / same), axis=0, return_inverse=True)
-    near = cKDTree(cells).query_pairs(1.5, output_type="ndarray")
+    near = KDTree(cells).query_pairs(1.5, output_type="ndarray")
     graph = coo_array((np.ones(len(near), np.int8), (near[:, 0], near[:, 1])), shape=(len(cells),) * 2)
     label = connected_components(graph, directed=False)[1][member.reshape(-1)]
     counts = np.bincount(label)
