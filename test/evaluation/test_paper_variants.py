@@ -39,13 +39,6 @@ def test_the_package_s_own_choices(scene, ours, switched):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=DIFFERENCES * np.abs(expected).max())
 
 
-def test_local_sampling_without_correlations(scene):
-    """By other draws."""
-    expected = covariance(scene, make_propagator("local_sampling", samples=2000))
-    found = covariance(scene, JointLocalSampling(samples=1000, joint=False))
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=0.15 * np.abs(expected).max())
-
-
 def test_joint_local_sampling_correlates_the_bodies(scene):
     """Forces are opposite, so the velocities of two bodies of one mass are, too."""
     P = covariance(scene, JointLocalSampling(samples=200))

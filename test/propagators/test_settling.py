@@ -17,8 +17,8 @@ from unc_physics import (
     start_belief,
 )
 
-STDS = np.radians([1.0, 2.0, 4.0])  # of rotations about the axes of the body
-HEIGHT_STD, SHIFT = 0.004, 0.01  # m: above the floor on average
+STDS = np.radians([1.0, 3.0, 4.0])  # of rotations about the axes of the body
+HEIGHT_STD, SHIFT = 0.004, 0.002  # m: above the floor on average
 
 
 @pytest.fixture(scope="module")
@@ -50,16 +50,16 @@ def test_how_far_bodies_at_rest_were_moved_is_noted(tilted):
     drawn = belief.sample(40, np.random.default_rng(0))
     prediction = predict(scene, belief, make_propagator("monte_carlo", samples=40), scene.dt)
     start, states = prediction.carry.contact_history.start, prediction.carry.states
-    std_of_tilt = np.sqrt([STDS[0] ** 2 + STDS[1] ** 2, STDS[1] ** 2 + STDS[2] ** 2]) / np.sqrt(2.0)
+    std_of_tilt = np.hypot(STDS[0], STDS[1:]) / np.sqrt(2.0)  # the vertical axis is z, or y of the can
     for k in range(2):
         down = [Rotation.from_quat(x[:, k, 6:10]).inv().apply([0.0, 0.0, -1.0]) for x in (drawn, states)]
         tilt = np.arccos(np.clip((down[0] * down[1]).sum(axis=1), -1.0, 1.0))
         assert np.degrees(np.median(tilt)) > 1.0, "the case must lean"
         np.testing.assert_allclose(start.tilted[:, k], tilt, atol=1e-4)
         sunk = np.abs(drawn[:, k, 2] - states[:, k, 2]) / HEIGHT_STD
-        np.testing.assert_allclose(
-            start.moved[:, k], np.maximum(sunk, tilt / max(0.03, std_of_tilt[k])), rtol=0.02
-        )
+        leant = tilt / max(0.03, std_of_tilt[k])
+        assert 0.1 < (leant > sunk).mean() < 0.9, "both must count"
+        np.testing.assert_allclose(start.moved[:, k], np.maximum(sunk, leant), rtol=0.02)
     assert not start.tilted[:, 2].any()
 
 

@@ -174,14 +174,6 @@ def test_what_changes_meanwhile_is_not_undone(tracks):
     assert not tracks.known()
 
 
-def test_observations_beyond_the_window_have_no_effect(tracks):
-    for k in range(4):
-        tracks.see(k / 3, (0, 0, 0), named=True)
-    before = tracks.known()
-    assert tracks.see(0.3, (0.001, 0, 0), named=True).is_too_late
-    assert tracks.known() == before
-
-
 def test_without_an_environment_nothing_is_tracked(tracks):
     tracks.tracks = Tracks(tracks.library, NodeEnvironment())
     with pytest.raises(InvalidEnvironmentError, match="fall for ever"):
