@@ -184,21 +184,6 @@ def test_candidates_are_ranked_by_a_score(node, client):
     assert (box.upright, box.at_rest, box.fell_off) == (expected.upright, expected.at_rest, expected.fell_off)
 
 
-def test_scores_count_together(node, client):
-    """In the region, and not touching the floor, and not off the shelf: the same order, by what is asked."""
-    floor = Score(quantity=Score.TOUCHES, object="box", other="floor", smallest_first=True)
-    off = Score(quantity=Score.FELL_OFF, object="box", other="shelf", smallest_first=True)
-    together = ask(client, ranked([ABOVE, floor, off])).predictions
-    alone = ask(client, ranked([off])).predictions
-    assert [entry.candidate for entry in together] == [entry.candidate for entry in alone]
-    assert [entry.candidate for entry in together] == ["over", "edge", "beside"]
-    assert together[0].score.probability > 0.9 and alone[0].score.probability < 0.1
-    best, *others = alone  # an event that is not wanted has its own probability, not that of its opposite
-    assert best.difference == 0.0 and all(entry.difference > 0.0 for entry in others)
-    assert best.score.low <= best.score.probability <= best.score.high < others[-1].score.low
-    assert best.margin > 0.0 > others[-1].margin and others[-1].clearly_worse
-
-
 def alike(*names):
     """A request without scores, of candidates that differ in their ids alone."""
     return ranked([], [over(name, 0.0) for name in names])

@@ -216,7 +216,8 @@ def test_a_ranking_is_the_library_s(asked, score, event):
         wanted = (wanted.estimate, wanted.low, wanted.high)
         wanted = (1.0 - wanted[0], 1.0 - wanted[2], 1.0 - wanted[1]) if opposite else wanted
         assert (found.probability, found.low, found.high) == pytest.approx(wanted, abs=1e-12)
-        assert abs(entry.difference) == pytest.approx(abs(action.difference.value))
+        difference = action.difference.value * (-1 if opposite else 1)
+        assert entry.difference == pytest.approx(difference)
 
 
 def test_messages_are_made_of_numbers():
