@@ -71,7 +71,7 @@ class Run:
         server.stdin.flush()
         self._pid = int(server.stdout.readline())
 
-    def ended(self, timeout=300.0):
+    def ended(self, timeout=3000.0):
         """What it printed, and what it wrote to standard error; TimeoutError if it still runs then."""
         deadline = time.monotonic() + timeout
         while not (status := self._files["status"].read_text()):

@@ -44,7 +44,7 @@ def wheels_environment():
     )
 
 
-def run(command, *, cwd, env, check=True, timeout=600):
+def run(command, *, cwd, env, check=True, timeout=3600):
     """Run a command; a failure shows the end of all that it printed."""
     done = subprocess.run(
         [str(part) for part in command],

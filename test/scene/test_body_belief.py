@@ -92,10 +92,14 @@ def test_wrong_fields_are_named(fields, words):
         ([0, 1.5], 2, "moving must be ascending indices of bodies"),
         ([[0, 2]], 2, "moving must be ascending indices of bodies"),
         ([0, 2], 3, "covariance must have 2 blocks, not 3"),
+        ([0, 2], np.eye(24), None),
+        ([0, 2], np.eye(36), r"covariance must have shape \(24, 24\), not \(36, 36\)"),
+        ([0, 2], np.eye(24, k=12) + np.eye(24, k=-12), "covariance has entries beside a diagonal of zeros"),
     ],
 )
 def test_indices_of_moving_bodies_are_those_of_the_scene(moving, blocks, words):
-    mean, P = np.tile(POST.state, (3, 1)), np.zeros((blocks, 12, 12))
+    """Of a covariance with so many blocks, or of a joint one."""
+    mean, P = np.tile(POST.state, (3, 1)), np.zeros((blocks, 12, 12)) if isinstance(blocks, int) else blocks
     if words is None:
         Belief(mean, P, moving).check_fits(SCENE)
         return

@@ -20,7 +20,7 @@ pytestmark = [
 ]
 ON_CPU = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 WIDTH, HEIGHT = 640, 400
-PATIENCE = 300.0  # s, on a busy machine without a GPU
+PATIENCE = 1800.0  # s, on a busy machine without a GPU
 BOX = """
 physics: everyday
 environment: [{plane: {}}]
