@@ -1,0 +1,256 @@
+"""What no motion changes: momentum, energy, symmetry, order; and the same bits from any way to run."""
+
+import math
+
+import numba
+import numpy as np
+import pytest
+from everyday_worlds import (
+    FLOOR,
+    INTEGRATOR,
+    STEPS,
+    about,
+    course,
+    product,
+    run,
+    solid_ball,
+    solid_box,
+    solid_cylinder,
+    world,
+)
+from plain_scenes import energy, momenta, state
+from scipy.spatial.transform import Rotation
+
+from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_propagator, predict
+
+at_steps = pytest.mark.parametrize("dt", STEPS, ids=lambda dt: f"{round(1 / dt)}Hz")
+BOX, CAN, BALL = (
+    solid_box("box", (0.078, 0.046, 0.122), 0.52),
+    solid_cylinder("can", 0.038, 0.11, 0.455),
+    solid_ball("ball", 0.03, 0.2),
+)
+PILE = BOX, CAN, BALL
+FALLING = np.array(
+    [
+        state((0, 0, 0.09), (0.3, 0.1, -0.5), (1, 2, 3), about((1, 0.2, 0.1), 0.5)),
+        state((0.02, 0.01, 0.22), (0, 0, -0.5), (-2, 1, 0), about((0.3, 1, 0), 0.8)),
+        state((-0.02, -0.01, 0.33), (0, 0.1, -1), (0, 4, 1)),
+    ]
+)
+
+
+# -- momentum and energy -----------------------------------------------------------------------------
+
+
+@at_steps
+@pytest.mark.parametrize("e", [0.0, 0.7])
+def test_contacts_between_bodies_keep_momentum(dt, e):
+    """Three bodies meet without gravity; what one gains another loses."""
+    scene = world(*PILE, dt=dt, gravity=None, environment=(), restitution=e)
+    x = np.array(
+        [
+            state((-0.15, 0, 0.01), (1, 0, 0), (3, -2, 5), about((3, 2, 1), 0.4)),
+            state((0.05, 0.01, 0), (-0.5, 0.1, 0), (-1, 4, 2), about((-4, 5, 9), 1.1)),
+            state((0.2, 0.02, 0.02), (-1.5, 0.0, 0.1), (2, 1, 0)),
+        ]
+    )
+    y = run(scene, x, 0.6)
+    assert (np.linalg.norm(y[:, 3:6] - x[:, 3:6], axis=1) > 0.1).all(), "they must have met"
+    np.testing.assert_allclose(momenta(scene, y)[0], momenta(scene, x)[0], rtol=0, atol=1e-12)
+    assert energy(scene, y) < energy(scene, x)
+
+
+def largest_gain(scene, start, time):
+    """Return the largest rise of energy over the energy at the start, above the lowest level before it."""
+    path = course(scene, start, np.arange(1, round(time / 0.02) + 1) * 0.02)
+    E = np.array([energy(scene, x) for x in (np.reshape(start, (-1, 13)), *path)])
+    return (E - np.minimum.accumulate(E)).max() / E[0]
+
+
+@at_steps
+@pytest.mark.parametrize("e", [0.0, 0.3, 0.8])
+def test_a_pile_never_gains_energy(dt, e):
+    assert largest_gain(world(*PILE, dt=dt, restitution=e), FALLING, 1.5) < 1e-3
+
+
+@pytest.mark.parametrize(
+    "name", ["salt_box", "can", "brick", "mug", "bowl", "plate", "bottle", "bin", "pin", "rounded_box"]
+)
+def test_a_model_that_tumbles_never_gains_energy(name):
+    """From two heights and orientations onto a floor beside a step."""
+    rng = np.random.default_rng(5)
+    step = Box((0.3, 1, 0.05), (0.15, 0, 0.025), name="step")
+    scene = world(RigidBody("b", load_model(name)), restitution=0.3, environment=[FLOOR, step])
+    for height in (0.25, 0.5):
+        q = rng.standard_normal(4)
+        spin = rng.standard_normal(3) * 5
+        start = state((rng.uniform(-0.1, 0.1), 0, height), (0.3, 0, 0), spin, q / np.linalg.norm(q))
+        assert largest_gain(scene, start, 1.5) < 1e-3
+
+
+@at_steps
+@pytest.mark.parametrize("mu", [0.2, 0.5, 0.8])
+def test_a_bowl_in_a_bowl_never_gains_energy(dt, mu):
+    """It wedges itself in, which loads contacts from all sides."""
+    bowl = load_model("bowl")
+    scene = world(RigidBody("a", bowl), RigidBody("b", bowl), dt=dt, friction=mu, restitution=0.1)
+    z = -float(bowl.origin[2])
+    start = [state((0, 0, z)), state((0.002, 0.001, z + 0.075), orientation=about((1, 0, 0), 0.05))]
+    assert largest_gain(scene, start, 2.0) < 1e-3
+
+
+def test_elastic_tumbles_keep_their_energy():
+    """Boxes with random starts bounce on a floor for 2 s; at most 1 of 50 may be off by 1 %."""
+    rng = np.random.default_rng(7)
+    scene = world(solid_box("b", (0.1, 0.08, 0.06), 0.5), restitution=1.0, friction=0.0)
+    kept = []
+    for _ in range(50):
+        q = rng.standard_normal(4)
+        spin = rng.standard_normal(3) * 3
+        start = state((0, 0, rng.uniform(0.15, 0.5)), (0, 0, 0), spin, q / np.linalg.norm(q))[None]
+        kept.append(energy(scene, run(scene, start, 2.0)) / energy(scene, start))
+    off = np.abs(np.array(kept) - 1) > 0.01
+    assert off.sum() <= 1, np.round(np.array(kept)[off], 3)
+
+
+# -- symmetry ----------------------------------------------------------------------------------------
+
+
+def turned_states(x, yaw):
+    """Return states (B, 13) turned about the vertical [rad]."""
+    R, y = Rotation.from_rotvec([0, 0, yaw]), np.array(x, float)
+    for part in (slice(0, 3), slice(3, 6), slice(10, 13)):
+        y[:, part] = R.apply(y[:, part])
+    y[:, 6:10] = (R * Rotation.from_quat(y[:, 6:10])).as_quat()
+    return y
+
+
+def mirrored_states(x):
+    """Return states (B, 13) mirrored at the plane y = 0, of bodies that are symmetric themselves."""
+    signs = np.array([1, -1, 1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1.0])
+    return np.array(x, float) * signs
+
+
+def apart(x, y):
+    """Return how far positions [m] and orientations [rad] of states (B, 13) are apart."""
+    turn = Rotation.from_quat(x[:, 6:10]).inv() * Rotation.from_quat(y[:, 6:10])
+    return max(np.abs(x[:, :3] - y[:, :3]).max(), turn.magnitude().max())
+
+
+ALONE = ((0.0, BOX), (0.0, CAN), (0.3, BOX), (0.3, CAN))
+TIMES = np.array([0.25, 1.0])  # s, after some impacts, and after it has come to lie
+
+
+@pytest.mark.parametrize("e, body", ALONE, ids=lambda part: getattr(part, "name", part))
+@pytest.mark.parametrize("yaw", [0.3, 1.7, math.pi / 2, -2.9])
+def test_a_turned_start_gives_the_turned_motion(e, body, yaw):
+    scene = world(body, restitution=e)
+    start = FALLING[:1]
+    straight, turned = course(scene, start, TIMES), course(scene, turned_states(start, yaw), TIMES)
+    assert apart(turned_states(straight[0], yaw), turned[0]) < 1e-5
+    assert apart(turned_states(straight[1], yaw), turned[1]) < 1e-3
+
+
+@pytest.mark.parametrize("e, body", ALONE, ids=lambda part: getattr(part, "name", part))
+def test_a_mirrored_start_gives_the_mirrored_motion(e, body):
+    scene = world(body, restitution=e)
+    straight, mirrored = (course(scene, x, TIMES) for x in (FALLING[:1], mirrored_states(FALLING[:1])))
+    assert apart(mirrored_states(straight[0]), mirrored[0]) < 1e-5
+    assert apart(mirrored_states(straight[1]), mirrored[1]) < 1e-3
+
+
+STACKED = np.array([state((0.003 * k, 0, 0.0355 + 0.071 * k)) for k in range(3)])
+BRICKS = tuple(solid_box(f"brick {k}", (0.24, 0.115, 0.071), 1.0 + k) for k in range(3))
+#: Where another order leads to the same motion, and how near: bodies, start, time [s], bound [m, rad].
+ORDERS = {"a stack": (BRICKS, STACKED, 1.0, 2e-5), "impacts": (PILE, FALLING, 0.1, 5e-4)}
+
+
+@pytest.mark.parametrize("what", ORDERS)
+@pytest.mark.parametrize("order", [(1, 0, 2), (2, 1, 0), (1, 2, 0)])
+def test_the_order_of_bodies_does_not_matter(order, what):
+    """Until chaos grows the sweeps' tolerance, .1 mm/s, into more."""
+    bodies, start, time, bound = ORDERS[what]
+    order = list(order)
+    one = run(world(*bodies), start, time)
+    other = run(world(*(bodies[k] for k in order)), start[order], time)
+    assert apart(one[order], other) < bound
+
+
+@pytest.mark.parametrize("angle", [0.1, math.pi / 8, 1.0, 2.5])
+def test_a_round_body_may_be_turned_about_its_axis(angle):
+    """Only the angle about the axis itself differs, in flight, impacts, and on its rim."""
+    for body, axis in ((CAN, (0, 0, 1)), (BALL, (0.6, 0, 0.8))):
+        turn = about(axis, angle)
+        x = FALLING[1:2].copy()
+        y = x.copy()
+        y[0, 6:10] = product(x[0, 6:10], turn)
+        ends = course(world(body, restitution=0.3), x, TIMES), course(world(body, restitution=0.3), y, TIMES)
+        for one, other, within in zip(*ends, (1e-5, 1e-3), strict=True):
+            other[0, 6:10] = product(other[0, 6:10], about(axis, -angle))
+            assert apart(one, other) < within
+
+
+@pytest.mark.parametrize("spin", [5.0, 40.0])
+def test_spin_about_the_vertical_does_not_move_a_slick_can(spin):
+    """Without friction its axis keeps still, and so does its centre."""
+    scene = world(CAN, friction=0.0)
+    x = run(scene, state((0, 0, 0.055), (0.4, 0, 0), (0, 0, spin), about((0, 0, 1), 0.3)), 1.0)[0]
+    np.testing.assert_allclose(x[:3], [0.4, 0, 0.055], atol=1e-4)
+    np.testing.assert_allclose(x[10:], [0, 0, spin], atol=1e-3)
+
+
+# -- the same bits -----------------------------------------------------------------------------------
+
+
+def uncertain():
+    """Return a scene in which everything is drawn, and a belief about it."""
+    walls = [FLOOR, Box((0.02, 0.4, 0.2), (0.2, 0, 0.1), name="wall")]
+    scene = Scene.everyday(PILE, integrator=INTEGRATOR, environment=walls)
+    std = np.repeat([0.01, 0.1, 0.2, 1.0], 3)
+    return scene, Belief(FALLING.copy(), np.tile(np.diag(std**2), (len(PILE), 1, 1)))
+
+
+def test_a_horizon_in_pieces_gives_the_same_bits():
+    scene, belief = uncertain()
+    propagator = make_propagator("monte_carlo", samples=5, seed=3)
+    whole = predict(scene, belief, propagator, 0.8)
+    pieces = predict(scene, belief, propagator, 0.8, times=[k / 240 for k in (1, 17, 40, 41, 100)])
+    np.testing.assert_array_equal(pieces.at().samples, whole.at().samples)
+
+
+def test_threads_and_the_number_of_rollouts_change_no_bit():
+    scene, belief = uncertain()
+    ends, before = [], numba.get_num_threads()
+    try:
+        for threads, samples in ((1, 12), (before, 12), (before, 7)):
+            numba.set_num_threads(threads)
+            found = predict(scene, belief, make_propagator("monte_carlo", samples=samples, seed=3), 0.8)
+            ends.append(found.at().samples[:7])
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(ends[0], ends[1])
+    np.testing.assert_array_equal(ends[0], ends[2])
+    assert np.ptp(ends[0], axis=0).max() > 0.01
+
+
+def test_a_body_far_away_changes_nothing():
+    """Only what touches is solved together."""
+    scene = world(BOX, restitution=0.3)
+    both = world(BOX, RigidBody("far", BALL.model, 0.2), restitution=0.3)
+    alone = course(scene, FALLING[:1], [0.2, 0.5])[:, 0]
+    beside = course(both, [FALLING[0], state((5, 5, 0.03))], [0.2, 0.5])[:, 0]
+    np.testing.assert_allclose(beside, alone, rtol=0, atol=1e-6)
+
+
+def test_a_slope_and_turned_gravity_are_the_same_world():
+    """The world turned as a whole: a plane at an angle, or gravity."""
+    R = Rotation.from_rotvec([0.2, 0.3, -0.1])
+    start = FALLING[:1]
+    level = run(world(BOX), start, 0.3)[0]
+    tilted = start.copy()
+    for part in (slice(0, 3), slice(3, 6), slice(10, 13)):
+        tilted[0, part] = R.apply(start[0, part])
+    tilted[0, 6:10] = (R * Rotation.from_quat(start[0, 6:10])).as_quat()
+    scene = world(BOX, environment=[Plane(R.apply((0, 0, 1)))], gravity=R.apply((0, 0, -9.81)))
+    end = run(scene, tilted, 0.3)[0]
+    np.testing.assert_allclose(R.inv().apply(end[:3]), level[:3], rtol=0, atol=1e-5)
