@@ -15,10 +15,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, Plane, RigidBody, Scene, Sphere, SpherePacking, make_propagator, predict
+from unc_physics.shapes import pieces as shapes
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 from .engines import PEERS
-from .methods import OURS
+from .methods import CONTACT, OURS
 from .order_references import (
     BALL_INERTIA,
     GRAVITY,
@@ -30,6 +31,7 @@ from .order_references import (
     sliding_distance,
     tumbling_orientation,
 )
+from .rollouts import with_exact_shapes
 
 #: Depth to which the default stiffness lets a body sink in [m] (docs/explanation/physics.md).
 DEPTH = 5e-5
@@ -101,9 +103,10 @@ class Case(NamedTuple):
 
 def end_states(case: Case, engine: str) -> np.ndarray:
     """Return the states (B, 13) at the end of one rollout in an engine."""
-    if engine == OURS:
+    if engine in (OURS, CONTACT):
+        scene = case.scene if engine == OURS else with_exact_shapes(case.scene)
         propagator = make_propagator("monte_carlo", samples=1)
-        return predict(case.scene, Belief.exact(case.start), propagator, case.horizon).belief.mean
+        return predict(scene, Belief.exact(case.start), propagator, case.horizon).belief.mean
     peer = PEERS[engine](case.scene, case.geometry)
     try:
         if case.scene.restitution and hasattr(peer, "set_restitution"):
@@ -114,7 +117,7 @@ def end_states(case: Case, engine: str) -> np.ndarray:
 
 
 def order_case(name: str, engine: str, dt: float) -> Case:
-    """Return a case of `CASES` for an engine; only in ours the bodies have rounded corners."""
+    """Return a case of `CASES` for an engine; only our step over spheres needs rounded corners."""
     return CASES[name](dt, CORNER if engine == OURS else 0.0)
 
 
@@ -183,7 +186,12 @@ def rolling_can(dt: float, corner: float) -> Case:
     )
     across = (3.0 * radius**2 + length**2) / 12.0
     can = _packing(
-        "can", centers, tube, (across, across, inertia * radius**2), np.array([radius, radius, 0.5 * length])
+        "can",
+        centers,
+        tube,
+        (across, across, inertia * radius**2),
+        np.array([radius, radius, 0.5 * length]),
+        shapes.cylinder(radius, length),
     )
     # where each fall from a bump is lost, the slope seems to be less by height over length of a bump
     bump = rim * (1.0 - math.cos(math.pi / count)) / (2.0 * math.pi * radius / count)
@@ -366,7 +374,7 @@ def _start(position, rotation=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), angular
 def _ball(radius):
     """A uniform ball of 500 kg/m^3."""
     inertia = [BALL_INERTIA * radius**2] * 3
-    model = _packing("ball", np.zeros((1, 3)), radius, inertia, np.full(3, radius))
+    model = _packing("ball", np.zeros((1, 3)), radius, inertia, np.full(3, radius), shapes.ball(radius))
     return RigidBody("ball", model, 500.0 * 4.0 / 3.0 * math.pi * radius**3)
 
 
@@ -376,12 +384,12 @@ def _block(name, size):
     signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
     squares = np.array(size) ** 2
     inertia = (squares.sum() - squares) / 12.0
-    model = _packing("block", signs * (half - CORNER), CORNER, inertia, half)
+    model = _packing("block", signs * (half - CORNER), CORNER, inertia, half, shapes.box(size))
     return RigidBody(name, model, 500.0 * float(np.prod(size)))
 
 
-def _packing(name, centers, radius, inertia, half):
-    """Spheres of one radius in a box of these half sides (3,), with these principal moments (3,) per mass."""
+def _packing(name, centers, radius, inertia, half, piece):
+    """Spheres of one radius in a box of half sides (3,), with moments (3,) per mass; and the exact piece."""
     return SpherePacking(
         name=name,
         centers=centers,
@@ -391,4 +399,5 @@ def _packing(name, centers, radius, inertia, half):
         origin=np.zeros(3),
         bounding_radius=float(np.linalg.norm(half)),
         bounds=np.array([-half, half]),
+        pieces=[piece],
     )

@@ -5,23 +5,38 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
 
 from unc_physics.dynamics.rollout import simulate
+from unc_physics.propagators.registry import make_propagator
+from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
 
 from .engines import PEERS
-from .methods import OURS, label
+from .methods import CONTACT, MONTE_CARLO, OURS, label
 
 #: Names of the engines, and how they are written.
 ENGINES = {name: label(name) for name in (OURS, *PEERS)}
+#: The same with both of our steps for everyday scenes.
+STEPS = {name: label(name) for name in (OURS, CONTACT, *PEERS)}
 
 
 def available() -> list[str]:
     """Return the installed engines."""
     return [name for name in ENGINES if name == OURS or find_spec(name) is not None]
+
+
+def available_steps() -> list[str]:
+    """Return the installed engines, with both of our steps."""
+    return [OURS, CONTACT, *available()[1:]]
+
+
+def with_exact_shapes(scene: Scene) -> Scene:
+    """Return an everyday scene with the step over exact shapes."""
+    return replace(scene, integrator="contact", stiffness=None, overlap="keep")
 
 
 def missing_engines(experiment: str) -> list[str]:
@@ -37,7 +52,7 @@ def rollouts(engine: str, scene: Scene) -> Iterator[Callable[[np.ndarray, int], 
     Parameters
     ----------
     engine : str
-        One of `ENGINES`.
+        One of `STEPS`.
     scene : Scene
 
     Notes
@@ -55,6 +70,9 @@ def rollouts(engine: str, scene: Scene) -> Iterator[Callable[[np.ndarray, int], 
     if engine == OURS:
         yield ours
         return
+    if engine == CONTACT:
+        yield _exact_shapes(with_exact_shapes(scene))
+        return
     peer = PEERS[engine](scene, "primitive")
 
     def theirs(states, steps):
@@ -71,3 +89,17 @@ def rollouts(engine: str, scene: Scene) -> Iterator[Callable[[np.ndarray, int], 
         yield theirs
     finally:
         peer.close()
+
+
+def _exact_shapes(scene):
+    """Return the function of `rollouts` for the step over exact shapes."""
+
+    def run(states, steps):
+        simulator = make_propagator(MONTE_CARLO, samples=len(states))
+        belief = Belief.exact(states[0], scene.moving)
+        carry = simulator.start_rollouts(scene, belief, states.copy())
+        started = time.process_time()
+        ends = simulator.advance(carry, scene, steps).states
+        return ends, time.process_time() - started
+
+    return run

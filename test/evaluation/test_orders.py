@@ -11,7 +11,7 @@ from unc_physics_evaluation import order_references as exact
 from unc_physics_evaluation.experiments import orders as experiment
 from unc_physics_evaluation.order_cases import CASES, CORNER, end_states, order_case
 from unc_physics_evaluation.order_references import BALL_INERTIA, GRAVITY
-from unc_physics_evaluation.rollouts import OURS, available
+from unc_physics_evaluation.rollouts import OURS, available_steps
 
 STEPS = 1.0 / np.array(experiment.RATES)
 
@@ -60,7 +60,7 @@ def test_a_rocking_block_has_housners_impact(corner):
     assert rise(-tilts.min()) == pytest.approx(kept**2 * rise(tilt), rel=1e-3)
 
 
-@pytest.mark.parametrize("engine", available())
+@pytest.mark.parametrize("engine", available_steps())
 @pytest.mark.parametrize("name", CASES)
 def test_the_error_is_that_of_the_end(name, engine):
     """Each case moves farther than its floor, and a rollout's error is finite."""

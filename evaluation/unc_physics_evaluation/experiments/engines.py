@@ -12,7 +12,7 @@ from .. import work_precision
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import OURS
 from ..results import Results
-from ..rollouts import ENGINES, available, missing_engines, rollouts
+from ..rollouts import STEPS, available_steps, missing_engines, rollouts
 from ..scenarios import boxes_and_cans, can_off_shelf, five_into_bin, salt_box_into_bin, tableware_into_box
 from ..tables import number
 
@@ -27,7 +27,9 @@ SCENES = {
     "ten_into_bin": (partial(boxes_and_cans, 10), 4, 0.03),
     "tableware_into_box": (tableware_into_box, 4, 0.07),
     "64_into_bin": (partial(boxes_and_cans, 64), 1, 0.5),
+    "300_into_bin": (partial(boxes_and_cans, 300, 300), 1, 7.0),
 }
+_QUICK_COST = 1.0  # s, of a rollout; scenes that take longer are no part of a quick run
 RATE = 240  # steps in a second
 TIME, RATIO = "rollout_time", "rollout_time_over_ours"
 _SLEEP = {False: "", True: " with sleep"}
@@ -37,6 +39,8 @@ def jobs(settings: Settings) -> list[Job]:
     """Each scene's times, all engines in turns, then what `work_precision` needs."""
     rounds, found = 3 if settings.quick else 11, []
     for scene, (_, count, cost) in SCENES.items():
+        if settings.quick and cost > _QUICK_COST:
+            continue
         parameters = work_precision.parameters(settings, SPEED, scene, ALL, RATE, 0, rounds * count)
         found.append(Job("engines", parameters, 20.0 + 8 * rounds * count * cost))
     return found + work_precision.jobs(settings, "engines", PRECISION)
@@ -62,7 +66,7 @@ def _times(job):
     starts = belief.sample(rounds * count, np.random.default_rng(job.seed("starts")))
     starts = starts.reshape(rounds, count, *belief.mean.shape)
     opened, times = {}, {}
-    for engine in available():
+    for engine in available_steps():
         for sleep in (False, True):
             opened[engine, sleep] = rollouts(engine, replace(scene, sleep=sleep))
             times[engine, sleep] = np.empty(rounds)
@@ -91,12 +95,12 @@ def report(results: Results) -> str:
     rows = results.rows("engines").where(section=SPEED)
     head = ["scene", "engine", "sleep", "CPU time [ms]", "median of paired ratios to unc_physics"]
     lines = []
-    for scene, engine, sleeps in itertools.product(rows.unique("scene"), ENGINES, _SLEEP):
+    for scene, engine, sleeps in itertools.product(rows.unique("scene"), STEPS, _SLEEP):
         found = rows.where(scene=scene, method=engine + _SLEEP[sleeps])
         if found:
             taken, share = found.where(quantity=TIME), found.where(quantity=RATIO)
             figures = number(1e3 * taken.median()), "1" if engine == OURS else number(share.median())
-            lines.append([scene.replace("_", " "), ENGINES[engine], "yes" if sleeps else "no", *figures])
+            lines.append([scene.replace("_", " "), STEPS[engine], "yes" if sleeps else "no", *figures])
     times = results.table("engine_times", head, lines)
     parts = ["### CPU time of a rollout\n", times]
     precision = results.rows("engines").where(section=PRECISION)
