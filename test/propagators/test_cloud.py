@@ -1,7 +1,5 @@
 """Quasi-random rollouts with a response surface: the parts against plain NumPy, and the answers."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from plain_scenes import BALL, independent, state
@@ -9,7 +7,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import ndtri
 from scipy.stats import norm, qmc
 
-from unc_physics import Belief, Plane, RigidBody, Scene, Touches, make_propagator, predict
+from unc_physics import RigidBody, Scene, Touches, make_propagator, predict
 from unc_physics.prediction.status import assess
 from unc_physics.propagators import emission, response_surface, sobol
 from unc_physics.propagators.reduction import reduction
@@ -211,26 +209,3 @@ def test_what_is_fitted_is_fitted_once_and_goes_with_its_carry(loaded, monkeypat
     assert len(fits) == len(prediction.carry.moments) == len(prediction.carry.errors) == 1
     later = prediction.propagator.advance(prediction.carry, prediction.scene, 1)
     assert not later.moments and not later.errors, "other states begin without"
-
-
-def test_uncertain_parameters_are_directions_like_others(loaded):
-    """A body of uncertain restitution falls onto a floor: how high it is then is spread by that alone."""
-    body = dataclasses.replace(loaded("two_bodies").scene.bodies[0], restitution=0.5, restitution_std=0.1)
-    scene = Scene(
-        [body],
-        0.005,
-        1e5,
-        gravity=[0, 0, -9.81],
-        environment=[Plane((0, 0, 1), -2.0)],
-        integrator="implicit",
-        restitution=0.5,
-    )
-    mean = np.zeros((1, 13))
-    mean[0, 9] = 1.0
-    heights = [
-        predict(scene, Belief.exact(mean), make_propagator(name, **options), 0.8).samples()[:, 0, 2]
-        for name, options in (("cloud", {"runs": 16}), ("monte_carlo", {"samples": 300}))
-    ]
-    assert heights[1].std() > 0.01
-    np.testing.assert_allclose(heights[0].mean(), heights[1].mean(), atol=0.3 * heights[1].std())
-    np.testing.assert_allclose(heights[0].std(), heights[1].std(), rtol=0.3)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from message_fields import message_type
 from scenes import diagonal
 from shape_msgs.msg import Plane
 
@@ -16,36 +17,6 @@ from unc_physics.ros.replay import POSE, main, replay, report
 from unc_physics_msgs.msg import EnvironmentElement
 
 PERIOD, STD = 0.1, 0.004  # s, m
-DEFINITION = """std_msgs/Header header
-geometry_msgs/PoseWithCovariance pose
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-================================================================================
-MSG: geometry_msgs/PoseWithCovariance
-geometry_msgs/Pose pose
-float64[36] covariance
-================================================================================
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-================================================================================
-MSG: geometry_msgs/Point
-float64 x
-float64 y
-float64 z
-================================================================================
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-"""
 
 
 def poses(count, stated=STD, speed=0.0):
@@ -61,6 +32,14 @@ def poses(count, stated=STD, speed=0.0):
         message.pose.covariance = diagonal(*[stated] * 3, *[0.01] * 3)
         found.append(message)
     return found
+
+
+def definition(message):
+    """The definition of a message and of those in it, as a bag has it."""
+    fields = message.get_fields_and_field_types()
+    text = "".join(f"{kind.replace('double', 'float64')} {name}\n" for name, kind in fields.items())
+    nested = [kind for kind in fields.values() if "/" in kind]
+    return text + "".join(f"{'=' * 80}\nMSG: {kind}\n{definition(message_type(kind))}" for kind in nested)
 
 
 def plain(message):
@@ -99,7 +78,7 @@ def test_a_bag_from_the_command_line(tmp_path, capsys):
     bag = tmp_path / "bag.mcap"
     with bag.open("wb") as stream:
         writer = writer_module.Writer(stream)
-        schema = writer.register_msgdef(POSE, DEFINITION)
+        schema = writer.register_msgdef(POSE, definition(PoseWithCovarianceStamped))
         for k, message in enumerate(poses(8)):
             writer.write_message("/can", schema, plain(message), log_time=k)
         writer.finish()
