@@ -70,13 +70,15 @@ IMPULSE = 98  # of the whole step, world axes
 SAVED = 101  # normal and tangents while an impact's error turns them
 SURFACE_A, SURFACE_B = 110, 111  # numbers of materials: a body's, or B + e of element e
 STRUCK = 112  # impacts in this step
-COLS = 113
+POINTED, EDGE = 113, 114  # 1 between corners or edges that pass each other, whose direction is EDGE, if any
+COLS = 117
 
 # ---- contacts that are remembered between steps, and that callers read
 (R_NORMAL, R_GAP, R_LEVER_A, R_LEVER_B, R_WARM, R_MOMENT) = (0, 3, 4, 7, 10, 13)  # as in ``C``
 (R_BODY_A, R_BODY_B, R_PIECE_A, R_PIECE_B, R_FACE_OF, R_RIM_A, R_RIM_B, R_SINCE) = range(16, 24)
 R_POINT, R_IMPULSE = 24, 27  # middle of the gap, and the last step's impulse on b, world axes
-REMEMBERED = 30
+R_POINTED = 30  # as POINTED and EDGE
+REMEMBERED = 34
 
 # ---- pairs of bodies
 CLEAR = 0  # no contact before the bodies' TRAVEL adds up to this
@@ -141,6 +143,8 @@ SLEEP_AFTER = 0.1  # s at rest after which a group sleeps
 ASLEEP = 3e-3  # m/s, speed of a body's fastest point at rest
 DRIFT = 1e-4  # m, added to what a body can travel within a step: pushes out of depth
 MARGIN = 4e-3  # m, reach of a list of pieces beyond what the next step needs: a step at 1 m/s
+FAR = 1.0  # m, a gap that no substep closes
+FEATURE = 1e-6  # m, from a face up to which a point is on it
 ON_RIM = 2e-4  # m, from a lathe's farthest point, up to which a contact travels along the rim
 SAME_POINT = 0.02  # m, distance up to which a contact takes the forces of one in the step before
 RATIO = 30.0  # of masses in a group from which sweeps alone sag, and small groups are solved directly

@@ -3,9 +3,20 @@
 import math
 
 from ...compiler import inner
+from ...shapes.columns import (
+    CORNERS_FROM,
+    FIRST_FACE,
+    FIRST_POINT,
+    HALF_SPACE,
+    HULL,
+    KIND,
+    LAST_FACE,
+    LAST_POINT,
+    NO_FACE,
+    ROUNDING,
+)
 from ...shapes.columns import FACE_OF as FOUND_FACE
 from ...shapes.columns import GAP as FOUND_GAP
-from ...shapes.columns import HALF_SPACE, KIND, ROUNDING
 from ...shapes.columns import NORMAL as FOUND_NORMAL
 from ...shapes.columns import PIECE_A as FOUND_A
 from ...shapes.columns import PIECE_B as FOUND_B
@@ -24,7 +35,10 @@ from .columns import (
     COLS,
     DRIFT,
     DRIVEN,
+    EDGE,
     FACE_OF,
+    FAR,
+    FEATURE,
     FRAME,
     FREE_W,
     FRICTION,
@@ -61,6 +75,7 @@ from .columns import (
     ON_RIM,
     PIECE_A,
     PIECE_B,
+    POINTED,
     R_BODY_A,
     R_FACE_OF,
     R_GAP,
@@ -70,6 +85,7 @@ from .columns import (
     R_MOMENT,
     R_NORMAL,
     R_POINT,
+    R_POINTED,
     R_SINCE,
     R_WARM,
     RADIUS,
@@ -79,6 +95,7 @@ from .columns import (
     RHO_B,
     RIM_A,
     RIM_B,
+    ROT,
     ROW0,
     ROWS,
     SAME_POINT,
@@ -105,7 +122,7 @@ from .columns import (
     WAY,
     E,
 )
-from .motion import back, roll_arm, roll_axis, symmetric_times, turned, write
+from .motion import back, roll_arm, roll_axis, symmetric_times, turn, turned, write
 from .search import FULL, line_up, meet, place, reaches
 
 _AROUND = (
@@ -156,6 +173,54 @@ def _complete(C, n, Y, solids, surface, materials):
     write(C, n, MOMENT, (0.0, 0.0, 0.0))
 
 
+@inner
+def _feature(Y, solids, i, p, q):
+    """Return the number of directions in which piece p ends at the point q of its core, and that of an edge.
+
+    They are 3 at a corner, 2 on an edge, and at most 1 elsewhere and on lathes. The point is from the frame's
+    origin, all in world axes.
+    """
+    piece, rows = solids.pieces[p], solids.rows
+    first, last = int(piece[FIRST_POINT]), int(piece[LAST_POINT])
+    none, q = (0.0, 0.0, 0.0), back(Y, i, q)
+    if piece[KIND] != HULL:
+        return 0, none
+    if last - first == 1:
+        return 3, none
+    if last - first == 2:
+        a, b = three(rows, first, 0), three(rows, first + 1, 0)
+        da, db = minus(q, a), minus(q, b)
+        if min(dot(da, da), dot(db, db)) < FEATURE * FEATURE:
+            return 3, none
+        return 2, turn(Y, i, ROT, unit(minus(b, a)))
+    count, before, edge = 0, none, none
+    for k in range(int(piece[FIRST_FACE]), int(piece[LAST_FACE])):
+        n = three(rows, k, 0)
+        if dot(n, minus(q, three(rows, int(rows[k, CORNERS_FROM]), 0))) > -FEATURE:
+            if count == 1:
+                edge = cross(before, n)
+            count, before = count + 1, n
+    if count != 2:
+        return min(count, 3), none
+    return 2, turn(Y, i, ROT, unit(edge))
+
+
+@inner(noinline=True)
+def _point_to_point(C, n, ra, rb, Y, solids):
+    """Note whether corners or edges face each other in row n, whose cores' points are ``ra`` and ``rb``."""
+    a, b = int(C[n, BODY_A]), int(C[n, BODY_B])
+    qa = minus(plus(three(Y, a, CENTRE), ra), three(Y, a, FRAME))
+    qb = minus(plus(three(Y, b, CENTRE), rb), three(Y, b, FRAME))
+    count_a, edge_a = _feature(Y, solids, a, int(C[n, PIECE_A]), qa)
+    count_b, edge_b = _feature(Y, solids, b, int(C[n, PIECE_B]), qb)
+    C[n, POINTED] = 1.0 if count_a >= 2 and count_b >= 2 else 0.0
+    write(C, n, EDGE, edge_a if count_a == 2 else edge_b)
+    if count_a == 2 and count_b == 2:
+        across = cross(edge_a, edge_b)
+        if dot(across, across) > FEATURE:
+            C[n, POINTED] = 0.0  # edges that cross do not pass each other
+
+
 @inner(noinline=True)
 def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     """Write row n from found contact i, with the forces of the nearest contact of the step before."""
@@ -165,6 +230,10 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     ra, rb = plus(minus(p, half), minus(three(Y, b, CENTRE), three(Y, a, CENTRE))), plus(p, half)
     ra = minus(ra, times(solids.pieces[pa, ROUNDING], normal))
     rb = plus(rb, times(solids.pieces[pb, ROUNDING], normal))
+    C[n, BODY_A], C[n, BODY_B], C[n, PIECE_A], C[n, PIECE_B], C[n, POINTED] = a, b, pa, pb, 0.0
+    write(C, n, EDGE, (0.0, 0.0, 0.0))
+    if face == NO_FACE:
+        _point_to_point(C, n, ra, rb, Y, solids)
     rim_a = rim_b = 0.0
     if solids.spots[pa, ON_AXIS] > 0.0:
         ra = minus(ra, roll_arm(Y, a))
@@ -176,7 +245,6 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     write(C, n, LEVER_A, ra)
     write(C, n, LEVER_B, rb)
     C[n, GAP0], C[n, FACE_OF], C[n, RIM_A], C[n, RIM_B], C[n, SINCE] = gap, face, rim_a, rim_b, 0.0
-    C[n, BODY_A], C[n, BODY_B], C[n, PIECE_A], C[n, PIECE_B] = a, b, pa, pb
     write(C, n, WARM, (0.0, 0.0, 0.0))
     write(C, n, WARM_MOMENT, (0.0, 0.0, 0.0))
     best, which = SAME_POINT * SAME_POINT, -1
@@ -362,14 +430,40 @@ def levers(C, k, Y, t):
 
 
 @inner
-def approach(C, k, Y):
-    """Fill the gap; return the normal speed of b relative to a."""
+def _passing(C, k, d, u, h):
+    """Return the gap of corners or edges that pass each other: along the normal for the next h, and now.
+
+    Their points are ``d`` apart and part at the velocity u. Where they come nearest within h without touching
+    the gap is one that nothing closes.
+    """
+    e, n, swept = three(C, k, EDGE), three(C, k, NORMAL), C[k, RHO_A] + C[k, RHO_B]
+    d, u = minus(d, times(dot(d, e), e)), minus(u, times(dot(u, e), e))
+    square = dot(u, u)
+    now, soonest = math.sqrt(dot(d, d)) - swept, h
+    if square > 0.0:
+        soonest = -dot(d, u) / square
+    if 0.0 < soonest < h:
+        nearest = plus(d, times(soonest, u))
+        return (now if dot(nearest, nearest) < swept * swept else FAR), now
+    end = plus(d, times(h, u))
+    return math.sqrt(dot(end, end)) - swept - h * dot(u, n), now
+
+
+@inner
+def approach(C, k, Y, h):
+    """Fill the gap as it looks for the next h; return the normal speed of b relative to a, and the gap."""
     a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
     ra, rb, d = levers(C, k, Y, 0.0)
-    C[k, GAP] = C[k, GAP0] + d
+    now = C[k, GAP0] + d
+    C[k, GAP] = now
     u = plus(three(Y, b, VEL), cross(three(Y, b, SPIN), minus(rb, times(C[k, RHO_B], n))))
     u = minus(u, plus(three(Y, a, VEL), cross(three(Y, a, SPIN), plus(ra, times(C[k, RHO_A], n)))))
-    return dot(n, u) - C[k, BELT_U]
+    if C[k, POINTED] > 0.0:
+        apart = minus(plus(three(Y, b, CENTRE), rb), plus(three(Y, a, CENTRE), ra))
+        if Y[a, DRIVEN] > 0.0:
+            apart = minus(apart, three(Y, a, MOVED))
+        C[k, GAP], now = _passing(C, k, apart, u, h)
+    return dot(n, u) - C[k, BELT_U], now
 
 
 @inner
@@ -451,6 +545,9 @@ def remember(n, C, Y, search):
         a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
         ra, rb, d = levers(C, k, Y, 0.0)
         C[k, GAP0] += d
+        if C[k, POINTED] > 0.0:
+            apart = minus(plus(three(Y, b, CENTRE), rb), plus(three(Y, a, CENTRE), ra))
+            C[k, GAP0] = _passing(C, k, apart, (0.0, 0.0, 0.0), 0.0)[1]
         C[k, SINCE] += Y[a, WAY] + Y[b, WAY]
         if C[k, LATHE_A] > 0.0:
             ra = minus(ra, roll_arm(Y, a))
@@ -485,6 +582,8 @@ def store(n, C, Y, out):
         for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
             write(out, k, at, three(C, k, of))
         write(out, k, R_MOMENT, three(C, k, WARM_MOMENT))
+        write(out, k, R_POINTED + 1, three(C, k, EDGE))
+        out[k, R_POINTED] = C[k, POINTED]
         write(out, k, R_IMPULSE, three(C, k, IMPULSE))
         for x in range(4):
             out[k, R_BODY_A + x] = C[k, BODY_A + x]
@@ -509,6 +608,8 @@ def restore(n, rows, C, Y, solids, surface, materials, search):
         for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
             write(C, k, of, three(rows, k, at))
         write(C, k, WARM_MOMENT, three(rows, k, R_MOMENT))
+        write(C, k, EDGE, three(rows, k, R_POINTED + 1))
+        C[k, POINTED] = rows[k, R_POINTED]
         for x in range(4):
             C[k, BODY_A + x] = rows[k, R_BODY_A + x]
         C[k, GAP0], C[k, SINCE] = rows[k, R_GAP], rows[k, R_SINCE]

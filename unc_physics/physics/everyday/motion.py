@@ -24,7 +24,7 @@ from .columns import (
     TURNED,
 )
 
-_SLOW_TURN = 1e-4  # square of the angle of a move below which one term of the Magnus series is exact
+_SLOW_TURN = 1e-6  # square of the angle of a move below which one term of the Magnus series is exact
 
 
 @inner(forceinline=True)

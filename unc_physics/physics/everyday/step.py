@@ -211,13 +211,14 @@ def _refresh(first, last, C, Y, h):
     soon, deep = math.inf, False
     for k in range(first, last):
         a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-        u, acc = approach(C, k, Y), three(Y, b, ACCEL)
+        u, gap = approach(C, k, Y, h)
+        acc = three(Y, b, ACCEL)
         if Y[a, IMASS] > 0.0:
             acc = minus(acc, three(Y, a, ACCEL))
         t = _meets(C, k, u, dot(acc, three(C, k, NORMAL)), h)
         C[k, MODE] = WAITS if t <= h else HOLDS
         soon = min(soon, t)
-        deep = deep or C[k, GAP] < -SLOP
+        deep = deep or gap < -SLOP
     return soon, deep
 
 
