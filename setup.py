@@ -76,7 +76,6 @@ setup(
             "hypothesis>=6",
             "import-linter>=2",
             "jsonschema>=4.18",
-            "libigl>=2.5",
             "mypy>=1.10",
             "playwright>=1.45",
             "pyright[nodejs]>=1.1.407",

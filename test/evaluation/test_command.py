@@ -57,10 +57,7 @@ def test_bad_input_is_one_sentence(arguments, code, sentence, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("name", "place", "value", "sentence"),
-    [
-        ("same_bits", "same_bits.BEFORE", "0" * 40, "is no git checkout that has the commit 000"),
-        ("packing", "packing.find_spec", lambda name: None, "is not installed; pip install libigl"),
-    ],
+    [("same_bits", "same_bits.BEFORE", "0" * 40, "is no git checkout that has the commit 000")],
 )
 def test_what_is_not_there_is_said(name, place, value, sentence, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(f"unc_physics_evaluation.experiments.{place}", value)

@@ -1,4 +1,4 @@
-"""Sphere packing: fill, time and memory, checked by independent code."""
+"""Sphere packing: fill, time and memory."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import os
 import resource
 import time
 from concurrent.futures import ProcessPoolExecutor
-from importlib.util import find_spec
 
 import numpy as np
 
@@ -26,13 +25,10 @@ RUNS = 3
 NO_MESHES = "none"
 PACKER = "packer"
 FILL, MEMORY, TRIANGLES, PLACED = "fill", "memory", "triangles", "placed"
-OVERLAP, PROTRUSION, OUTSIDE, LATER = "overlap", "protrusion", "outside", "larger_later"
 
 
 def jobs(settings: Settings) -> list[Job]:
     """Return a job for every available mesh with every number of spheres, alone on the machine."""
-    if find_spec("igl") is None:
-        return []
     models = _models(settings)
     counts = SPHERES[:3] if settings.quick else SPHERES
     return [
@@ -48,9 +44,7 @@ def jobs(settings: Settings) -> list[Job]:
 
 
 def missing(settings: Settings) -> list[str]:
-    """Return missing meshes that are not in the repository, and libigl."""
-    if find_spec("igl") is None:
-        return ["packing: libigl, which checks it, is not installed; pip install libigl"]
+    """Return missing meshes that are not in the repository."""
     absent = [model for model in MODELS if model not in _models(settings)]
     files = " and ".join(str(RECIPES[model].mesh) for model in absent)
     return [f"packing of {' and '.join(absent)}: --meshes DIR names no folder of {files}"] if absent else []
@@ -74,15 +68,11 @@ def report(results: Results) -> str:
         mean_of = {name: selected.where(quantity=name).mean() for name in selected.unique("quantity")}
         times = [number(selected.where(quantity=name).median()) for name in (WALL_TIME, CPU_TIME)]
         counts = [f"{mean_of[name]:.0f}" for name in (TRIANGLES, PLACED)]
-        errors = [f"{mean_of[name]:.0e}" for name in (OVERLAP, PROTRUSION)]
         lines.append(
-            [selected[0]["model"], *counts, f"{mean_of[FILL]:.2f}", *times, f"{mean_of[MEMORY]:.0f}", *errors]
-            + [f"{mean_of[OUTSIDE]:.0f}", f"{100.0 * mean_of[LATER]:.2f}"]
+            [selected[0]["model"], *counts, f"{mean_of[FILL]:.2f}", *times, f"{mean_of[MEMORY]:.0f}"]
         )
     head = ["model", "triangles", "spheres", "fill [%]", "wall time [s]", "CPU time [s]", "memory [MiB]"]
-    return results.table(
-        "packing", [*head, "overlap", "protrusion", "spheres outside", "out of order [%]"], lines
-    )
+    return results.table("packing", head, lines)
 
 
 def _models(settings):
@@ -97,7 +87,7 @@ def _models(settings):
 
 
 def measure(model: str, count: int, meshes: str | None) -> list[Row]:
-    """Pack in this process and check the result."""
+    """Pack in this process."""
     solid, _ = recipe_solid(model, meshes)
     pack_solid(solid, 20)  # warm
     unit = solid.bounding_radius
@@ -115,40 +105,5 @@ def measure(model: str, count: int, meshes: str | None) -> list[Row]:
         FILL: ("%", 100.0 * volume / solid.volume),
         TRIANGLES: ("1", len(solid.corners)),
         PLACED: ("1", len(spheres)),
-        **{name: ("1", value) for name, value in checks(solid.corners / unit, spheres).items()},
     }
     return rows + [Row(PACKER, name, unit, float(value)) for name, (unit, value) in found.items()]
-
-
-def checks(corners, spheres):
-    """Return deepest overlap and protrusion in bounding radii, spheres outside, and share out of order."""
-    import igl
-
-    centers, radii = np.ascontiguousarray(spheres[:, :3]), spheres[:, 3]
-    vertices = np.ascontiguousarray(corners.reshape(-1, 3))
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    distance = np.sqrt(igl.point_mesh_squared_distance(centers, vertices, faces)[0])
-    winding = igl.fast_winding_number(vertices, faces, centers)
-    smallest = np.minimum.accumulate(radii)[:-1]
-    return {
-        OVERLAP: float(deepest_overlap(centers, radii)),
-        PROTRUSION: float(np.max(radii - distance)),
-        OUTSIDE: int(np.sum(winding < 0.5)),
-        LATER: float(np.mean(radii[1:] > 1.01 * smallest)) if len(radii) > 1 else 0.0,
-    }
-
-
-def deepest_overlap(centers, radii):
-    """Return the largest r_i + r_j - d_ij; a sphere overlaps only smaller ones within twice its radius."""
-    from scipy.spatial import cKDTree
-
-    order = np.argsort(-radii)
-    centers, radii = centers[order], radii[order]
-    tree = cKDTree(centers)
-    deepest = -np.inf
-    for i, near in enumerate(tree.query_ball_point(centers, 2.0 * radii)):
-        near = np.array([j for j in near if j > i], dtype=int)
-        if len(near):
-            depth = radii[i] + radii[near] - np.linalg.norm(centers[near] - centers[i], axis=1)
-            deepest = max(deepest, depth.max())
-    return deepest
