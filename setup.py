@@ -31,6 +31,8 @@ class MaybeCompiled(Distribution):
 GEOMETRY = ["coacd>=1.0.14", "manifold3d>=3", "matplotlib>=3.7", "networkx>=3", "scipy", "trimesh>=4"]
 # yourdfpy for robots and worlds in URDF
 DESCRIPTIONS = [*GEOMETRY, "yourdfpy>=0.0.56"]
+# mujoco compiles MJCF
+MJCF = [*DESCRIPTIONS, "mujoco>=3.2"]
 # viser for the page in the browser
 VIEW = ["viser>=1.1"]
 
@@ -67,10 +69,11 @@ setup(
         "completion": ["argcomplete>=3"],
         "descriptions": DESCRIPTIONS,
         "geometry": GEOMETRY,
+        "mjcf": MJCF,
         "replay": ["mcap-ros2-support>=0.5"],
         "view": VIEW,
         "test": [
-            *DESCRIPTIONS,
+            *MJCF,
             *VIEW,
             "argcomplete>=3",
             "hypothesis>=6",

@@ -14,7 +14,7 @@ URDF = """
   <link name="hand">
     <inertial>
       <mass value="2"/><origin xyz="0.1 0 0.02" rpy="0 0 1.5707963267948966"/>
-      <inertia ixx="0.01" iyy="0.02" izz="0.025" ixy="0" ixz="0" iyz="0"/>
+      <inertia ixx="0.001" iyy="0.002" izz="0.0025" ixy="0" ixz="0" iyz="0"/>
     </inertial>
     <collision><origin xyz="0.1 0 0"/><geometry>
       <mesh filename="package://arm_meshes/meshes/brick.stl" scale="0.001 0.001 0.001"/></geometry></collision>
@@ -47,7 +47,7 @@ SDF = """<?xml version="1.0"?>
     <collision name="c"><geometry><capsule><radius>0.1</radius><length>0.4</length></capsule></geometry></collision>
   </link></model>
   <model name="lump"><static>true</static><link name="link"><collision name="c"><geometry>
-    <mesh><uri>model://arm_meshes/meshes/brick.stl</uri><scale>0.001 0.001 0.001</scale></mesh></geometry></collision>
+    <mesh><uri>model://arm_meshes/meshes/stone.stl</uri><scale>0.001 0.001 0.001</scale></mesh></geometry></collision>
   </link></model>
   <model name="ball"><pose>1 2 0.8 0 0 0</pose><link name="link"><inertial><mass>0.2</mass></inertial>
     <collision name="c"><geometry><sphere><radius>0.05</radius></sphere></geometry>
@@ -75,6 +75,7 @@ def write_descriptions(folder):
     meshes = folder / "arm_meshes" / "meshes"
     meshes.mkdir(parents=True)
     trimesh.creation.box([100.0, 60.0, 40.0]).export(meshes / "brick.stl")
+    trimesh.creation.icosphere(subdivisions=1, radius=50.0).export(meshes / "stone.stl")
     (folder / "post").mkdir()
     (folder / "post" / "model.sdf").write_text(INCLUDED)
     (folder / "arm").mkdir()

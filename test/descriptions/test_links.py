@@ -34,7 +34,7 @@ def test_a_link_is_the_union_of_its_shapes_about_the_files_centre_of_mass(hand):
 def test_mass_and_inertia_are_the_files_in_the_links_axes(hand):
     assert hand.mass == 2.0
     # the frame of the inertia is turned by a right angle about z
-    np.testing.assert_allclose(hand.inertia, np.diag([0.02, 0.01, 0.025]) / 2.0, atol=ROUND_OFF)
+    np.testing.assert_allclose(hand.inertia, np.diag([0.002, 0.001, 0.0025]) / 2.0, atol=ROUND_OFF)
 
 
 def test_uniform_density_is_the_shapes_own(folder):

@@ -110,7 +110,9 @@ def test_a_link_that_cannot_be_read_is_left_out_with_the_reason(tmp_path, entry,
 
 
 def test_a_mass_without_moments_has_those_of_the_shape_and_missing_ones_are_one(tmp_path):
-    assert link_of(tmp_path, "<inertial/>").inertial is None
+    for missing in ("", "<inertial/>"):
+        default = link_of(tmp_path, missing).inertial
+        assert default is not None and (default.mass, default.pose, default.inertia) == (1.0, None, None)
     plain = link_of(tmp_path, "<inertial><mass>0.2</mass></inertial>").inertial
     assert plain is not None and plain.mass == 0.2 and plain.inertia is None
     entries = "<ixx>3</ixx><ixy>0.1</ixy><ixz>0.2</ixz><iyz>0.3</iyz><izz>5</izz>"
@@ -137,7 +139,8 @@ def test_shapes_have_sizes_surfaces_and_problems(tmp_path):
         ("<capsule><length>2</length><radius>0.1</radius></capsule>", "capsule", (0.1, 2), ""),
         ("<plane><size>9 9</size></plane>", "plane", (0, 0, 1), ""),
         ("<plane><normal>1 0 0</normal></plane>", "plane", (1, 0, 0), ""),
-        ("<ellipsoid><radii>1 1 1</radii></ellipsoid>", "ellipsoid", (), ""),
+        ("<ellipsoid><radii>1 1 1</radii></ellipsoid>", "ellipsoid", (1, 1, 1), ""),
+        ("<cone><radius>0.1</radius><length>2</length></cone>", "cone", (0.1, 2), ""),
         ("<mesh><uri>a.stl</uri></mesh>", "mesh", (), ""),
         ("<mesh><uri>b.stl</uri></mesh>", "mesh", (), "the mesh b.stl is not found"),
         (
@@ -167,7 +170,7 @@ def test_meshes_are_scaled_along_each_axis_and_may_be_mirrored(tmp_path, scale, 
     model = from_urdf(tmp_path / "a.sdf", spheres=4)
     np.testing.assert_allclose(model.bounds[1] - model.bounds[0], edges, rtol=1e-6)
     assert model.volume == pytest.approx(np.prod(edges), rel=1e-6)
-    assert model.mass is None
+    assert model.mass == 1.0
 
 
 JOINT = "<joint name='{}' type='{}'><parent>{}</parent><child>b</child></joint>"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-HEAVY = ("numba", "llvmlite", "trimesh", "rclpy", "ot", "matplotlib", "scipy", "viser", "yourdfpy")
+HEAVY = ("numba", "llvmlite", "trimesh", "rclpy", "ot", "matplotlib", "scipy", "viser", "yourdfpy", "mujoco")
 
 
 def loaded_modules(code):

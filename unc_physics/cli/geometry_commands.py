@@ -35,7 +35,7 @@ def add_pack_command(commands) -> None:
     parser.add_argument(
         "mesh",
         metavar="MESH",
-        help="mesh file, in metres unless --scale says otherwise; or FILE.urdf#LINK, FILE.sdf#MODEL",
+        help="mesh file, in metres unless --scale says otherwise; or FILE.urdf#LINK, .sdf#MODEL, .xml#BODY",
     )
     parser.add_argument("-n", "--spheres", type=int, required=True, metavar="N", help="number of spheres")
     parser.add_argument(
@@ -168,7 +168,7 @@ def run_pack(arguments: argparse.Namespace) -> int:
     if is_description(file):
         solid, about = _link_solid(file, link, arguments, about)
     elif arguments.uniform:
-        raise InvalidOptionError("is for links of a URDF or SDF", field="--uniform", value=True)
+        raise InvalidOptionError("is for links of a URDF, SDF or MJCF", field="--uniform", value=True)
     else:
         try:
             solid, repairs = load_solid(arguments.mesh, repair=arguments.repair)
@@ -179,7 +179,8 @@ def run_pack(arguments: argparse.Namespace) -> int:
             print(f"repair: {printable(repair)}")
         for line in mesh_notes(Path(arguments.mesh)):
             note(line)
-    solid = replace(solid.scaled(arguments.scale), name=name)
+        solid = solid.scaled(arguments.scale)
+    solid = replace(solid, name=name)
     about |= {"largest_first": arguments.largest_first}
     pieces = _pieces(solid, arguments.pieces, arguments.tolerance, arguments.threads)
     _pack(solid, arguments.spheres, arguments.threads, output, **about, pieces=pieces)
@@ -194,10 +195,13 @@ def _link_solid(file, link, arguments, about):
 
     description = read_description(file)
     found = find_link(description, link or None)
-    solid = link_solid(description.path, found, uniform=arguments.uniform, repair=arguments.repair)
-    mass = None if found.inertial is None else found.inertial.mass * arguments.scale**3
-    own = {"mass": mass, "source": f"link {found.name} of {description.path.name}"}
-    return solid, own | {key: value for key, value in about.items() if value is not None}
+    own = link_solid(description.path, found, uniform=arguments.uniform, repair=arguments.repair)
+    for line in (*description.notes, *own.notes):
+        note(line)
+    own = own.scaled(arguments.scale)
+    source = f"link {found.name} of {description.path.name}"
+    given = {key: value for key, value in about.items() if value is not None}
+    return own.solid, {"mass": own.mass, "source": source, "pieces": own.pieces} | given
 
 
 def _note_units(solid, scale):

@@ -18,14 +18,15 @@ def add_import_command(commands) -> None:
     """Add the parser of ``import`` to the command line's subparsers."""
     parser = commands.add_parser(
         "import",
-        help="make a scene file of a URDF or SDF world",
+        help="make a scene file of a URDF, SDF or MJCF world",
         description=(
-            "Convert a URDF or SDF file to a scene file. Static planes, boxes, spheres, cylinders and"
-            " capsules become the environment. Static meshes become fixed bodies, packed with spheres beside"
-            " the scene file. Models that can move become bodies. The command names what it leaves out."
+            "Convert a URDF, SDF or MJCF file to a scene file. Static planes, boxes, spheres, cylinders and"
+            " capsules become the environment, and so do meshes of boxes. Other static meshes become fixed"
+            " bodies, packed with spheres beside the scene file. Models that can move become bodies. The"
+            " command names what it leaves out, and what is missing or unusual."
         ),
     )
-    parser.add_argument("world", metavar="WORLD", help="file that ends in .urdf, .sdf or .world")
+    parser.add_argument("world", metavar="WORLD", help="file that ends in .urdf, .sdf, .world, .mjcf or .xml")
     parser.add_argument("-o", "--output", required=True, metavar="SCENE.yaml", help="scene file to write")
     parser.add_argument(
         "-n", "--spheres", type=int, default=1000, metavar="N", help="spheres of each packing (default 1000)"
@@ -35,7 +36,12 @@ def add_import_command(commands) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="position of a joint of a URDF [rad or m], which fixes all its links; may be repeated",
+        help="position of a joint [rad or m]; in a URDF it fixes all links; may be repeated",
+    )
+    parser.add_argument(
+        "--uniform",
+        action="store_true",
+        help="compute centres of mass and inertia from the shapes, in place of the file's",
     )
     parser.add_argument(
         "--repair", action="store_true", help="try trimesh's repairs on meshes that are not closed"
@@ -55,6 +61,7 @@ def run_import(arguments) -> int:
         arguments.world,
         spheres=arguments.spheres,
         configuration=dict(map(_joint, arguments.joint)) or None,
+        uniform=arguments.uniform,
         repair=arguments.repair,
     )
     folder = output.parent / f"{output.stem}_models"
@@ -65,9 +72,10 @@ def run_import(arguments) -> int:
         "environment": [_element(element) for element in world.environment],
     }
     with writing(output, "--output"):
+        stems: set[str] = set()
         for body in world.bodies:
             folder.mkdir(exist_ok=True)
-            file = save_packing(folder / f"{body.model.name}.npz", body.model)
+            file = save_packing(folder / f"{_stem(body.name, stems)}.npz", body.model)
             content["bodies"].append(_body(body, world.beliefs[body.name], file.relative_to(output.parent)))
         content = {key: value for key, value in content.items() if value != []}
         moving = sum(not body.fixed for body in world.bodies)
@@ -82,6 +90,8 @@ def run_import(arguments) -> int:
     print(f"{what}, {moving} of which move")
     for line in world.left_out:
         print(f"left out: {printable(line)}")
+    for line in world.notes:
+        print(f"note: {printable(line)}")
     print(f"wrote {printable(str(output))}")
     if not moving:
         note("nothing in it moves: add bodies with their model, pose and standard deviations")
@@ -96,6 +106,15 @@ def _joint(text):
     if not separator:
         raise InvalidOptionError("must be of the form NAME=VALUE", field="--joint", value=text)
     return name, number_from_text(value, f"--joint {name}")
+
+
+def _stem(name, taken):
+    """Return the name of a body's model file, which no other body has; ``taken`` gets it."""
+    stem = name.replace("::", "_").replace("/", "_")
+    while stem.lower() in taken:
+        stem += "_"
+    taken.add(stem.lower())
+    return stem
 
 
 def _element(element):

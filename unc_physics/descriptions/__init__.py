@@ -1,1 +1,1 @@
-"""Bodies and environments from URDF and SDF description files."""
+"""Bodies and environments from URDF, SDF and MJCF description files."""

@@ -75,12 +75,13 @@ def link_motions(
     """
     from scipy.spatial.transform import Rotation
 
-    from .urdf import load_robot, set_joints
+    from .urdf import link_shapes, load_robot, set_joints
 
     require_libraries()
     points, columns = _checked(joint_names, times, positions)
-    robot, _ = load_robot(Path(path))
-    with_shapes = [link.name for link in robot.robot.links if link.collisions or link.visuals]
+    robot, root = load_robot(Path(path))
+    folder = Path(path).parent
+    with_shapes = [str(link.get("name")) for link in root.findall("link") if link_shapes(link, folder)[0]]
     wanted = with_shapes if links is None else list(links)
     for name in wanted:
         if name not in robot.link_map:
@@ -174,15 +175,16 @@ def load_robot_motion(
 
     motions = link_motions(path, joint_names, times, positions, **options)
     description = read_description(path, {})
-    bodies, beliefs, left_out = [], {}, list(description.left_out)
+    bodies, beliefs, left_out, notes = [], {}, list(description.left_out), list(description.notes)
     for link in description.links:
         if link.name not in motions:
             continue
         try:
-            model = packed_link(description.path, link, spheres, uniform=uniform, repair=repair)
+            model, more = packed_link(description.path, link, spheres, uniform=uniform, repair=repair)
         except UncPhysicsError as error:
             left_out.append(f"{link.name}: {error}")
             continue
+        notes += more
         way = of_com(motions[link.name], model.origin)
         spread = max(np.ptp(way.positions, axis=0).max(), np.ptp(way.orientations, axis=0).max())
         if spread < _STILL:
@@ -190,7 +192,7 @@ def load_robot_motion(
             beliefs[link.name] = BodyBelief(position=way.positions[0], orientation=way.orientations[0])
         else:
             bodies.append(RigidBody(link.name, model, trajectory=way))
-    return WorldDescription((), tuple(bodies), beliefs, tuple(left_out))
+    return WorldDescription((), tuple(bodies), beliefs, tuple(left_out), tuple(notes))
 
 
 def of_com(path: PosePath, origin: ArrayLike) -> PosePath:

@@ -1,4 +1,4 @@
-"""What URDF and SDF have in common: links with shapes and masses, XML, and the files that they reference."""
+"""What URDF, SDF and MJCF have in common: links with shapes and masses, XML, and referenced files."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ import numpy as np
 from ..checks.errors import InvalidRequestError, LimitExceededError, UncPhysicsError
 
 #: Kinds of shapes that can be packed, and kinds that are elements of an environment.
-SOLIDS = ("box", "sphere", "cylinder", "capsule", "mesh")
+SOLIDS = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "cone", "mesh")
 PRIMITIVES = ("plane", "box", "sphere", "cylinder", "capsule")
-
 
 _BYTES = 50_000_000  # largest size of a file
 #: Environment variables with folders of packages and models.
@@ -33,14 +32,20 @@ class Shape:
     pose : (4, 4) array
         ``T_link_shape`` [m].
     size : tuple of float
-        Edges of a box, radius of a sphere, radius and straight length of a cylinder or capsule [m]; normal of
-        a plane.
+        Edges of a box, radius of a sphere, radius and straight length of a cylinder or capsule, radii of an
+        ellipsoid, radius and length of a cone with its tip up [m]; normal of a plane.
     file : Path, optional
         File of a mesh.
     scale : (3,) array
         Scale of a mesh along its axes.
+    convex : bool
+        Whether a mesh stands for its convex hull.
+    points : (n, 3) array, optional
+        Points of a convex mesh without a file [m].
     friction, restitution : float, optional
         Surface properties, if the file has them.
+    density : float, optional
+        [kg/m^3], for a link whose mass comes from its shapes.
     problem : str
         Reason why it cannot be used; empty if it can.
     """
@@ -50,8 +55,11 @@ class Shape:
     size: tuple[float, ...] = ()
     file: Path | None = None
     scale: np.ndarray = field(default_factory=lambda: np.ones(3))
+    convex: bool = False
+    points: np.ndarray | None = None
     friction: float | None = None
     restitution: float | None = None
+    density: float | None = None
     problem: str = ""
 
 
@@ -61,17 +69,20 @@ class Inertial:
 
     Attributes
     ----------
-    mass : float
-        [kg]
-    pose : (4, 4) array
-        ``T_link_inertial``; its origin is the centre of mass (COM) [m].
+    mass : float, optional
+        [kg]; None if it follows from densities.
+    pose : (4, 4) array, optional
+        ``T_link_inertial``; its origin is the centre of mass (COM) [m]. None if the shape has it.
     inertia : (3, 3) array, optional
-        About the COM, axes of ``pose`` [kg m^2]; None if the file has none.
+        About the COM, axes of ``pose`` [kg m^2]; None if the shape has it.
+    density : float, optional
+        Of shapes without one, if mass, COM and inertia are those of the shapes [kg/m^3].
     """
 
-    mass: float
-    pose: np.ndarray
-    inertia: np.ndarray | None
+    mass: float | None
+    pose: np.ndarray | None = None
+    inertia: np.ndarray | None = None
+    density: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +114,12 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """All links of a file, and its omitted parts, one line each."""
+    """All links of a file, its omitted parts, and how ambiguous parts are read, one line each."""
 
     path: Path
     links: tuple[Link, ...]
     left_out: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
@@ -165,3 +177,42 @@ def referred(uri: str, base: Path) -> Path | None:
         if folder.name == package and (folder / inside).exists():
             return folder / inside
     return None
+
+
+def read_numbers(text: str, count: int, field: str) -> np.ndarray:
+    """Return finite numbers from a text; raise `InvalidRequestError` unless there are ``count``."""
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.empty(0)
+    if len(values) != count or not np.isfinite(values).all():
+        several = f"{count} number{'s' * (count > 1)}"
+        finite = "" if np.isfinite(values).all() else ", finite"
+        raise InvalidRequestError(f"must be {several}{finite}", field=field, value=text)
+    return values
+
+
+def read_mass(text: str) -> float:
+    """Return a mass from a text [kg]; raise `InvalidRequestError` unless it is positive."""
+    mass = float(read_numbers(text, 1, "mass")[0])
+    if mass <= 0.0:
+        raise InvalidRequestError("must be positive", field="mass", value=text)
+    return mass
+
+
+def transform(position, rotation=None) -> np.ndarray:
+    """Return a transform (4, 4) of a position (3,) and a `scipy` rotation."""
+    T = np.eye(4)
+    T[:3, 3] = position
+    if rotation is not None:
+        T[:3, :3] = rotation.as_matrix()
+    return T
+
+
+def rotation_of_quaternion(q, field):
+    """Return the rotation of a quaternion (x, y, z, w); raise `InvalidRequestError` if it is zero."""
+    from scipy.spatial.transform import Rotation
+
+    if not np.linalg.norm(q) > 0.0:
+        raise InvalidRequestError("must not be zero", field=field, value=" ".join(f"{x:g}" for x in q))
+    return Rotation.from_quat(q)

@@ -6,38 +6,41 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ..checks.errors import InvalidRequestError, NotSupportedError
-from .parts import Description
+from .mjcf import read_mjcf
+from .parts import Description, read_xml
 from .sdf import read_sdf
 from .urdf import read_urdf
 
-#: Suffixes of description files.
-URDF, SDF = (".urdf",), (".sdf", ".world")
+#: Suffixes of description files. The format of ``.xml`` follows from its root.
+URDF, SDF, MJCF, XML = (".urdf",), (".sdf", ".world"), (".mjcf",), (".xml",)
 _NEEDED = ("manifold3d", "scipy", "trimesh", "yourdfpy")
 
 
 def is_description(path) -> bool:
-    """Return whether a file is read as URDF or SDF, by its suffix."""
-    return Path(path).suffix.lower() in (*URDF, *SDF)
+    """Return whether a file is read as URDF, SDF or MJCF, by its suffix."""
+    return Path(path).suffix.lower() in (*URDF, *SDF, *MJCF, *XML)
 
 
-def require_libraries() -> None:
-    """Raise `NotSupportedError` if a library for descriptions and meshes is missing."""
-    missing = [name for name in _NEEDED if find_spec(name) is None]
+def require_libraries(*more: str) -> None:
+    """Raise `NotSupportedError` if a library for descriptions and meshes is missing, or another one."""
+    missing = [name for name in (*_NEEDED, *more) if find_spec(name) is None]
     if missing:
+        extra = "mjcf" if "mujoco" in missing else "descriptions"
         raise NotSupportedError(
-            f"URDF and SDF need {' and '.join(missing)}: install the extra 'descriptions', or pip install"
+            f"URDF, SDF and MJCF need {' and '.join(missing)}: install the extra '{extra}', or pip install"
             f" {' '.join(missing)}"
         )
 
 
 def read_description(path, configuration=None) -> Description:
-    """Read the links of a URDF or SDF file.
+    """Read the links of a URDF, SDF or MJCF file.
 
     Parameters
     ----------
     path : path-like
     configuration : mapping of str to float, optional
-        Positions of a URDF's joints [rad or m], by name. By default links behind a joint count as moving.
+        Positions of joints [rad or m], by name. By default links behind a joint of a URDF count as moving,
+        and joints of an MJCF stay at their start.
 
     Raises
     ------
@@ -47,11 +50,25 @@ def read_description(path, configuration=None) -> Description:
     path = Path(path)
     if not is_description(path):
         raise InvalidRequestError(
-            f"must end in one of {', '.join((*URDF, *SDF))}", field="description", value=str(path)
+            f"must end in one of {', '.join((*URDF, *SDF, *MJCF, *XML))}",
+            field="description",
+            value=str(path),
         )
-    require_libraries()
-    if path.suffix.lower() in URDF:
+    suffix = path.suffix.lower()
+    if suffix in XML:
+        root = read_xml(path)[1].tag
+        suffix = {"robot": URDF, "sdf": SDF, "mujoco": MJCF}.get(root, XML)[0]
+        if suffix in XML:
+            raise InvalidRequestError(
+                "must have the root <robot> (URDF), <sdf> or <mujoco> (MJCF)",
+                field=f"description {path}",
+                value=root,
+            )
+    require_libraries(*(["mujoco"] if suffix in MJCF else []))
+    if suffix in URDF:
         return read_urdf(path, configuration)
+    if suffix in MJCF:
+        return read_mjcf(path, configuration)
     if configuration:
-        raise NotSupportedError("is for URDF files alone", field="configuration")
+        raise NotSupportedError("is for URDF and MJCF files", field="configuration")
     return read_sdf(path)

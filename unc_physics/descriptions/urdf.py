@@ -1,4 +1,4 @@
-"""Read URDF files with yourdfpy."""
+"""URDF files: links from their XML, joints with yourdfpy."""
 
 from __future__ import annotations
 
@@ -10,16 +10,32 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..checks.errors import InvalidRequestError
+from ..checks.errors import InvalidRequestError, UncPhysicsError
 from ..checks.names import hint
 from ..checks.validation import number
-from .parts import Description, Inertial, Link, Shape, read_xml, referred
+from .parts import (
+    Description,
+    Inertial,
+    Link,
+    Shape,
+    read_numbers,
+    read_xml,
+    referred,
+    rotation_of_quaternion,
+    transform,
+)
 
-_KNOWN = ("box", "cylinder", "sphere", "mesh")
+_SIZES = {
+    "box": (("size", 3),),
+    "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)),
+    "sphere": (("radius", 1),),
+}
+_MOMENTS = ("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz")
 
 
 def load_robot(path: Path):
-    """Return the file as a `yourdfpy.URDF` without meshes, and its unknown shapes, one line each.
+    """Return the joints of a file as a `yourdfpy.URDF`, and the root of its XML.
 
     Raises
     ------
@@ -31,52 +47,91 @@ def load_robot(path: Path):
     place = f"description {path}"
     if root.tag != "robot":
         raise InvalidRequestError("is no URDF: its root is not <robot>", field=place, value=root.tag)
-    left_out = _without_unknown_shapes(root)
+    if root.find("link") is None:
+        raise InvalidRequestError("has no links", field=place)
+    names = [link.get("name") for link in root.findall("link")]
+    for k, name in enumerate(names):
+        if name is None or name in names[:k]:
+            problem = "must have a name" if name is None else "is the name of two links"
+            raise InvalidRequestError(problem, field=f"{place}: link", value=name)
+    skeleton = ElementTree.Element("robot", {"name": root.get("name", "robot")})
+    for name in names:
+        ElementTree.SubElement(skeleton, "link", {"name": str(name)})
+    for joint in root.findall("joint"):
+        for origin in joint.findall("origin"):
+            _with_angles(origin, f"{place}: joint {joint.get('name')}")
+        skeleton.append(joint)
     logger, before = logging.getLogger(yourdfpy.urdf.__name__), logging.CRITICAL
     before, logger.level = logger.level, before
     try:
         robot = yourdfpy.URDF.load(
-            io.BytesIO(ElementTree.tostring(root)), load_meshes=False, build_scene_graph=True
+            io.BytesIO(ElementTree.tostring(skeleton)), load_meshes=False, build_scene_graph=True
         )
     except Exception as error:  # noqa: BLE001 - yourdfpy raises errors of many types
         reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
         raise InvalidRequestError(f"is no URDF that yourdfpy reads: {reason}", field=place) from None
     finally:
         logger.level = before
-    if not robot.link_map:
-        raise InvalidRequestError("has no links", field=place)
-    return robot, left_out
+    return robot, root
 
 
-def _without_unknown_shapes(root):
-    """Remove shapes that the library does not read; return one line for each."""
-    left_out = []
-    for link in root.iter("link"):
-        for kind in ("collision", "visual"):
-            for entry in link.findall(kind):
-                shapes = [shape.tag for shape in entry.findall("geometry/*")]
-                if len(shapes) != 1 or shapes[0] not in _KNOWN:
-                    link.remove(entry)
-                    if kind == "collision":
-                        what = " and ".join(shapes) or "no shape"
-                        left_out.append(f"{link.get('name')}: a shape that is not read: {what}")
-    return left_out
+def _with_angles(origin, field):
+    """Write the angles of a quaternion (URDF 1.1) as those of older URDF, which yourdfpy reads."""
+    T = _pose(origin, field)
+    if origin.get("quat_xyzw") is not None:
+        from scipy.spatial.transform import Rotation
+
+        angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz")
+        origin.set("rpy", " ".join(repr(float(angle)) for angle in angles))
+        del origin.attrib["quat_xyzw"]
 
 
 def read_urdf(path: Path, configuration: Mapping[str, float] | None = None) -> Description:
-    """Read the links of a URDF (`reading.read_description`)."""
-    robot, left_out = load_robot(path)
+    """Read the links of a URDF (`reading.read_description`).
+
+    The only link of a file without joints is a free body if it has a mass, unless it is called ``world``. So
+    is a link at a floating joint without further links. All others are fixed, or moved by their joints.
+    """
+    robot, root = load_robot(path)
     if configuration is not None:
         set_joints(robot, configuration)
-    moved = {} if configuration is not None else _moved_links(robot)
-    links = []
-    for link in robot.robot.links:
-        # collision shapes; many objects have only visual ones
-        entries = link.collisions or link.visuals
-        shapes = tuple(_shape(entry, path.parent) for entry in entries)
-        pose = np.array(robot.get_transform(link.name), float)
-        links.append(Link(link.name, pose, shapes, _inertial(link.inertial), moved.get(link.name, "")))
+    entries = root.findall("link")
+    moved, floating = _moved_links(root) if configuration is None else ({}, set())
+    if configuration is None and len(entries) == 1 and entries[0].get("name") != "world":
+        floating = {entries[0].get("name")}
+    links, left_out = [], []
+    for entry in entries:
+        name = str(entry.get("name"))
+        try:
+            inertial = _inertial(entry.find("inertial"))
+            shapes, unknown = link_shapes(entry, path.parent)
+        except UncPhysicsError as error:
+            left_out.append(f"{name}: {error}")
+            continue
+        left_out += [f"{name}: a shape that is not read: {what}" for what in unknown]
+        free = name in floating and inertial is not None
+        moves = "" if free else moved.get(name, "")
+        pose = np.array(robot.get_transform(name), float)
+        links.append(Link(name, pose, shapes, inertial, moves, free))
     return Description(path, tuple(links), tuple(left_out))
+
+
+def link_shapes(link, base: Path) -> tuple[tuple[Shape, ...], list[str]]:
+    """Return the collision shapes of a link, or its visual ones, and the names of unknown shapes."""
+    # many objects have only visual shapes
+    known, unknown = _shapes(link.findall("collision"), base)
+    return (known, unknown) if known else (_shapes(link.findall("visual"), base)[0], unknown)
+
+
+def _shapes(entries, base):
+    known, unknown = [], []
+    for entry in entries:
+        kinds = [shape.tag for shape in entry.findall("geometry/*")]
+        if len(kinds) == 1 and (kinds[0] in _SIZES or kinds[0] == "mesh"):
+            known.append(_shape(entry, base))
+        else:
+            unknown.append(" and ".join(kinds) or "no shape")
+    return tuple(known), unknown
 
 
 def set_joints(robot, configuration) -> None:
@@ -97,39 +152,73 @@ def set_joints(robot, configuration) -> None:
     robot.update_cfg(values)
 
 
-def _moved_links(robot):
-    """Return what moves each movable link, by link name."""
-    joints = {joint.child: joint for joint in robot.robot.joints}
-    moved = {}
-    for link in robot.robot.links:
-        name, passed = link.name, set()
+def _moved_links(root):
+    """Return what moves each movable link, by link name, and the names of links that float freely."""
+    joints = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
+    parents = {child: joint.find("parent").get("link") for child, joint in joints.items()}
+    moved, floating = {}, set()
+    for link in root.findall("link"):
+        name, passed = link.get("name"), set()
         while name in joints and name not in passed:
             passed.add(name)
-            if joints[name].type != "fixed":
-                moved[link.name] = f"moves with the joint {joints[name].name}"
+            if joints[name].get("type") != "fixed":
+                moved[link.get("name")] = f"moves with the joint {joints[name].get('name')}"
+                if joints[name].get("type") == "floating" and len(passed) == 1:
+                    floating.add(name)
                 break
-            name = joints[name].parent
-    return moved
+            name = parents[name]
+    return moved, {name for name in floating if name not in parents.values() and parents[name] not in moved}
 
 
 def _shape(entry, base):
-    pose = np.eye(4) if entry.origin is None else np.array(entry.origin, float)
-    geometry = entry.geometry
-    if geometry.box is not None:
-        return Shape("box", pose, tuple(float(edge) for edge in geometry.box.size))
-    if geometry.sphere is not None:
-        return Shape("sphere", pose, (float(geometry.sphere.radius),))
-    if geometry.cylinder is not None:
-        return Shape("cylinder", pose, (float(geometry.cylinder.radius), float(geometry.cylinder.length)))
-    uri = geometry.mesh.filename or ""
-    file = referred(uri, base)
-    scale = np.ones(3) * (1.0 if geometry.mesh.scale is None else geometry.mesh.scale)
-    return Shape("mesh", pose, file=file, scale=scale, problem="" if file else f"the mesh {uri} is not found")
+    pose = _pose(entry.find("origin"), "origin")
+    shape = entry.find("geometry/*")
+    if shape.tag == "mesh":
+        uri = shape.get("filename") or ""
+        file = referred(uri, base)
+        text = shape.get("scale") or "1 1 1"
+        count = 1 if len(text.split()) == 1 else 3
+        scale = np.ones(3) * read_numbers(text, count, "mesh/scale")
+        problem = "" if file else f"the mesh {uri} is not found"
+        return Shape("mesh", pose, file=file, scale=scale, problem=problem)
+    size: list[float] = []
+    for key, count in _SIZES[shape.tag]:
+        size += read_numbers(shape.get(key) or "", count, f"{shape.tag}/{key}").tolist()
+    return Shape(shape.tag, pose, tuple(size))
 
 
-def _inertial(inertial):
-    if inertial is None or not inertial.mass:
+def _inertial(entry):
+    """Return the mass properties of a link; None without a mass, or with one of 0."""
+    mass = None if entry is None else entry.find("mass")
+    if entry is None or mass is None:
         return None
-    pose = np.eye(4) if inertial.origin is None else np.array(inertial.origin, float)
-    inertia = None if inertial.inertia is None else np.array(inertial.inertia, float)
-    return Inertial(float(inertial.mass), pose, inertia)
+    kilograms = float(read_numbers(mass.get("value") or "", 1, "inertial/mass")[0])
+    if kilograms == 0.0:
+        return None
+    if kilograms < 0.0:
+        raise InvalidRequestError("must not be negative", field="inertial/mass", value=kilograms)
+    pose, inertia = _pose(entry.find("origin"), "inertial/origin"), entry.find("inertia")
+    if inertia is None:
+        return Inertial(kilograms, pose)
+    rows = [
+        [read_numbers(inertia.get(key) or "0", 1, f"inertia/{key}")[0] for key in row] for row in _MOMENTS
+    ]
+    return Inertial(kilograms, pose, np.array(rows))
+
+
+def _pose(origin, field):
+    """Return the transform (4, 4) of an ``<origin>``."""
+    from scipy.spatial.transform import Rotation
+
+    if origin is None:
+        return np.eye(4)
+    position = read_numbers(origin.get("xyz") or "0 0 0", 3, f"{field} xyz")
+    text = origin.get("quat_xyzw")
+    if text is None:
+        angles = read_numbers(origin.get("rpy") or "0 0 0", 3, f"{field} rpy")
+        return transform(position, Rotation.from_euler("xyz", angles))
+    if origin.get("rpy") is not None:
+        raise InvalidRequestError(
+            "must be absent beside quat_xyzw", field=f"{field} rpy", value=origin.get("rpy")
+        )
+    return transform(position, rotation_of_quaternion(read_numbers(text, 4, f"{field} quat_xyzw"), field))

@@ -1,9 +1,11 @@
-"""Environment and bodies from a URDF or SDF file."""
+"""Environment and bodies from a URDF, SDF or MJCF file."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
+from itertools import chain, count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +17,9 @@ from ..scene.body_belief import BodyBelief
 from ..scene.environment import Box, Capsule, Cylinder, Element, Plane, Sphere
 from ..spatial.rotation import rotation_matrix
 from .link_solid import packed_link
-from .parts import PRIMITIVES, Link, Shape
+from .parts import PRIMITIVES, SOLIDS, Link, Shape
 from .reading import read_description
+from .shape_solid import box_of, mesh_triangles
 
 
 class WorldDescription(NamedTuple):
@@ -32,12 +35,15 @@ class WorldDescription(NamedTuple):
         Poses of the bodies by name, without uncertainty.
     left_out : tuple of str
         All omitted parts with the reason, one line each.
+    notes : tuple of str
+        How ambiguous or unusual parts of the file are read, one line each.
     """
 
     environment: tuple[Element, ...]
     bodies: tuple[RigidBody, ...]
     beliefs: dict[str, BodyBelief]
     left_out: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 def load_world(
@@ -45,19 +51,22 @@ def load_world(
     *,
     spheres: int = 1000,
     configuration: Mapping[str, float] | None = None,
+    uniform: bool = False,
     repair: bool = False,
 ) -> WorldDescription:
-    """Read environment and bodies from a URDF or SDF file.
+    """Read environment and bodies from a URDF, SDF or MJCF file.
 
     Parameters
     ----------
     path : path-like
-        ``.urdf``, ``.sdf`` or ``.world``.
+        ``.urdf``, ``.sdf``, ``.world``, ``.mjcf`` or ``.xml``.
     spheres : int
         Number of spheres of each packed body.
     configuration : mapping of str to float, optional
-        Positions of a URDF's joints [rad or m]; all links are then fixed, with unnamed joints at 0. By
-        default links behind a joint are omitted.
+        Positions of joints [rad or m]. All links of a URDF are then fixed, with unnamed joints at 0; by
+        default links behind a joint are omitted. Unnamed joints of an MJCF stay at their start.
+    uniform : bool
+        Whether to compute centre of mass and inertia from the shape at uniform density, instead of the file.
     repair : bool
         Whether to repair meshes that are not closed, by trimesh.
 
@@ -73,57 +82,91 @@ def load_world(
     integer(spheres, "spheres", low=1)
     instance(configuration, (Mapping, type(None)), "configuration")
     description = read_description(path, configuration)
-    environment: list[Element] = []
-    bodies: dict[str, tuple[RigidBody, BodyBelief]] = {}
-    left_out = list(description.left_out)
+    found = _Collected(list(description.left_out), list(description.notes))
     for link in description.links:
         if link.moves:
-            left_out.append(f"{link.name}: {link.moves}")
+            found.left_out.append(f"{link.name}: {link.moves}")
             continue
-        packed = link if link.free else _without_primitives(link, environment, left_out)
+        packed = link if link.free else found.without_elements(link)
         if not packed.shapes:
             continue
         try:
-            model = packed_link(description.path, packed, spheres, uniform=not link.free, repair=repair)
-            fixed = not link.free
-            friction, restitution = _surface(packed.shapes)
-            body = RigidBody(
-                link.name,
-                model,
-                model.mass if model.mass or fixed else None,
-                fixed,
-                friction=friction,
-                restitution=restitution,
-            )
+            found.add_body(description.path, packed, spheres, uniform or not link.free, repair)
         except UncPhysicsError as error:
-            left_out.append(f"{link.name}: {error}")
-            continue
-        bodies[link.name] = body, _belief(link.pose, model)
+            found.left_out.append(f"{link.name}: {error}")
     return WorldDescription(
-        tuple(environment),
-        tuple(body for body, _ in bodies.values()),
-        {name: belief for name, (_, belief) in bodies.items()},
-        tuple(left_out),
+        tuple(found.environment),
+        tuple(found.bodies),
+        found.beliefs,
+        tuple(found.left_out),
+        tuple(dict.fromkeys(found.notes)),
     )
 
 
-def _without_primitives(link: Link, environment, left_out) -> Link:
-    """Move a fixed link's primitives to the environment; return the link with only its meshes."""
-    meshes = []
-    for k, shape in enumerate(link.shapes):
-        name = link.name if len(link.shapes) == 1 else f"{link.name}_{k}"
-        if shape.kind == "mesh" and not shape.problem:
-            meshes.append(shape)
-            continue
-        try:
-            if shape.kind in PRIMITIVES and not shape.problem:
-                environment.append(_element(shape, link.pose @ shape.pose, name))
-                continue
-            problem = shape.problem or f"a {shape.kind} is no shape that is known here"
-        except UncPhysicsError as error:
-            problem = str(error)
-        left_out.append(f"{name}: {problem}")
-    return Link(link.name, link.pose, tuple(meshes), link.inertial)
+class _Collected:
+    """Content of a world so far."""
+
+    def __init__(self, left_out, notes):
+        self.left_out: list[str] = left_out
+        self.notes: list[str] = notes
+        self.environment: list[Element] = []
+        self.bodies: list[RigidBody] = []
+        self.beliefs: dict[str, BodyBelief] = {}
+        self.names: set[str] = set()
+
+    def free_name(self, name):
+        """Return a name that nothing has yet, and note a change."""
+        others = (f"{name}_{k}" for k in count(2))
+        found = next(new for new in chain([name], others) if new not in self.names)
+        if found != name:
+            self.notes.append(f"{name}: is the name of several parts; this one is called {found}")
+        self.names.add(found)
+        return found
+
+    def add_body(self, path, link, spheres, uniform, repair):
+        """Pack a link and add it as a body."""
+        model, notes = packed_link(path, link, spheres, uniform=uniform, repair=repair)
+        fixed = not link.free
+        friction, restitution = _surface(link.shapes)
+        mass = model.mass if model.mass or fixed else None
+        name = self.free_name(link.name)
+        self.bodies.append(RigidBody(name, model, mass, fixed, friction=friction, restitution=restitution))
+        self.beliefs[name] = _belief(link.pose, model)
+        self.notes += notes
+
+    def without_elements(self, link: Link) -> Link:
+        """Add a fixed link's primitives and boxes to the environment; return it with its other meshes."""
+        meshes = []
+        for k, shape in enumerate(link.shapes):
+            name = link.name if len(link.shapes) == 1 else f"{link.name}_{k}"
+            problem = shape.problem
+            try:
+                if shape.kind == "mesh" and not problem:
+                    shape, notes = _as_box(shape)
+                    self.notes += notes
+                if shape.kind in PRIMITIVES and not problem:
+                    element = _element(shape, link.pose @ shape.pose, name)
+                    self.environment.append(replace(element, name=self.free_name(name)))
+                    continue
+                if shape.kind in SOLIDS and not problem:
+                    meshes.append(shape)
+                    continue
+                problem = problem or f"a {shape.kind} is no shape that is known here"
+            except UncPhysicsError as error:
+                problem = str(error)
+            self.left_out.append(f"{name}: {problem}")
+        return replace(link, shapes=tuple(meshes))
+
+
+def _as_box(shape: Shape):
+    """Return a mesh as a box if it is one, and notes about its file; otherwise the shape."""
+    if shape.points is not None:
+        return shape, ()
+    vertices, faces, notes = mesh_triangles(shape)
+    box = box_of(vertices, faces)
+    if box is None:
+        return shape, ()  # notes follow with its packing
+    return replace(shape, kind="box", pose=shape.pose @ box[0], size=tuple(box[1].tolist()), file=None), notes
 
 
 def _element(shape: Shape, pose, name) -> Element:
