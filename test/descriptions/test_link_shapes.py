@@ -129,7 +129,9 @@ def test_meshes_are_scaled_in_all_formats(tmp_path, scale, edges):
     )
     for name in ("a.urdf", "a.sdf"):
         description = read_description(tmp_path / name)
-        solid = link_solid(description.path, find_link(description, "l")).solid
+        solid, _, pieces, _ = link_solid(description.path, find_link(description, "l"))
+        assert len(pieces) == 1, "it is convex"
+        assert mass_properties(pieces).volume == pytest.approx(solid.volume, rel=0.01)
         np.testing.assert_allclose(solid.bounds[1] - solid.bounds[0], edges, rtol=1e-6)
         assert solid.volume == pytest.approx(mesh.volume * abs(np.prod(scale)), rel=1e-6)
 

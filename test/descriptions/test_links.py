@@ -51,6 +51,8 @@ def test_pack_takes_a_link(folder, tmp_path, capsys):
     found = load_packing(out)
     assert (found.name, found.mass, len(found)) == ("hand", 2.0, 20)
     assert found.source == "link hand of arm.urdf"
+    sizes = sorted(np.ptp(piece.points, axis=0).round(6).tolist() for piece in found.pieces)
+    assert sizes == [[0.05, 0.05, 0.06], [0.1, 0.06, 0.04]], "a box, and a mesh of a box"
     assert "100 x 60 x 90" in capsys.readouterr().out
 
 

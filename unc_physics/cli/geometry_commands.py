@@ -182,7 +182,9 @@ def run_pack(arguments: argparse.Namespace) -> int:
         solid = solid.scaled(arguments.scale)
     solid = replace(solid, name=name)
     about |= {"largest_first": arguments.largest_first}
-    pieces = _pieces(solid, arguments.pieces, arguments.tolerance, arguments.threads)
+    pieces = about.pop("pieces", ()) or _pieces(
+        solid, arguments.pieces, arguments.tolerance, arguments.threads
+    )
     _pack(solid, arguments.spheres, arguments.threads, output, **about, pieces=pieces)
     _note_units(solid, arguments.scale)
     return 0

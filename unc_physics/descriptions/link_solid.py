@@ -15,7 +15,7 @@ from ..geometry.packing import pack_solid
 from ..geometry.packing_file import SpherePacking, spheres_reach
 from ..geometry.solid_mesh import SolidMesh, make_solid
 from ..shapes.mass_properties import MassProperties
-from ..shapes.pieces import Hull, Lathe
+from ..shapes.pieces import Hull, Piece
 from .inertia import check_inside, check_moments, unusual_inertia
 from .parts import SOLIDS, Description, Link
 from .reading import read_description
@@ -85,14 +85,14 @@ class LinkSolid(NamedTuple):
     mass : float or None
         [kg]
     pieces : tuple of Piece
-        In the body frame; empty if a shape is a mesh.
+        In the body frame; empty if a shape is a mesh that is neither convex nor simple.
     notes : tuple of str
         How ambiguous parts of the file are read.
     """
 
     solid: SolidMesh
     mass: float | None
-    pieces: tuple[Hull | Lathe, ...]
+    pieces: tuple[Piece, ...]
     notes: tuple[str, ...]
 
     def scaled(self, s: float) -> LinkSolid:

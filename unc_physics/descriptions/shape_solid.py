@@ -8,11 +8,12 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError
 from ..checks.validation import positive
+from ..geometry.mesh_pieces import simple_pieces
 from ..geometry.primitive_models import primitive_pieces
 from ..geometry.primitives import cone, primitive
 from ..geometry.solid_mesh import make_solid, mesh_notes, read_mesh, repaired
 from ..shapes.mass_properties import MassProperties, mass_properties
-from ..shapes.pieces import Hull, Lathe, frustum
+from ..shapes.pieces import Hull, Lathe, Piece, frustum
 from .parts import Shape
 
 _PROFILE = 64  # corners of a spheroid's profile: its piece lies 0.03 % of the radius inside
@@ -29,7 +30,7 @@ class ShapeSolid(NamedTuple):
     faces : (m, 3) array
         Triangles of ``vertices``.
     pieces : tuple of Piece
-        Exact pieces; empty for a mesh.
+        Exact for primitives; those of a mesh are empty if it is neither convex nor a simple shape.
     properties : MassProperties
         At uniform density.
     notes : tuple of str
@@ -38,7 +39,7 @@ class ShapeSolid(NamedTuple):
 
     vertices: np.ndarray
     faces: np.ndarray
-    pieces: tuple[Hull | Lathe, ...]
+    pieces: tuple[Piece, ...]
     properties: MassProperties
     notes: tuple[str, ...] = ()
 
@@ -60,7 +61,7 @@ def shape_solid(shape: Shape, repair: bool = False) -> ShapeSolid:
         If a mesh is not a solid.
     """
     notes: tuple[str, ...] = ()
-    pieces: tuple[Hull | Lathe, ...] = ()
+    pieces: tuple[Piece, ...] = ()
     R, p = shape.pose[:3, :3], shape.pose[:3, 3]
     if shape.convex:
         points = shape.points
@@ -84,6 +85,8 @@ def shape_solid(shape: Shape, repair: bool = False) -> ShapeSolid:
         properties = mass_properties(pieces)
     else:
         solid = make_solid("mesh", vertices, faces)
+        simple = simple_pieces(solid)
+        pieces = tuple(piece.moved(-solid.origin, np.eye(3)) for piece in simple[0]) if simple else ()
         properties = MassProperties(solid.volume, -solid.origin, solid.inertia)
     return ShapeSolid(vertices, faces, pieces, properties, notes)
 
