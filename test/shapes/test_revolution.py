@@ -10,7 +10,8 @@ from unc_physics.geometry import shapes as meshes
 from unc_physics.geometry.household import HOUSEHOLD
 from unc_physics.geometry.recipes import RECIPES
 from unc_physics.geometry.surface_error import distances_of_points, surface_error
-from unc_physics.shapes.pieces import Lathe, convex_outline
+from unc_physics.shapes.distance import DIRECTIONS, distance_of_bodies, identity_frame
+from unc_physics.shapes.pieces import Lathe, ball, convex_outline, piece_arrays
 from unc_physics.shapes.revolution import convex_parts, lathe_pieces
 
 TOLERANCE = 7e-4
@@ -93,3 +94,32 @@ def test_a_surface_error_is_the_distance_by_which_a_piece_is_off():
     assert surface_error(long, vertices[triangles], 200).outside < 1e-12
     small = HOUSEHOLD["brick"]()[0].scaled(0.9)
     assert surface_error([small], vertices[triangles], 2000).outside == pytest.approx(0.0136, rel=0.05)
+
+
+@pytest.mark.parametrize("radius", [0.01, 0.02])
+def test_a_ball_rolls_around_a_bowl_without_a_ridge(radius):
+    """Inner sides are chords: they rise into the hollow by the tolerance, and meet in valleys only."""
+    bowl = load_model("bowl")
+    pieces = [piece.moved(-bowl.origin, np.eye(3)) for piece in bowl.pieces]
+    arrays = piece_arrays([pieces, [ball(radius)]])
+    for share in (0.2, 0.5, 0.7):
+        turn = 0.5 * np.pi * share  # the inner wall, as in `bowl_profile`
+        along = np.array([0.050 * np.cos(turn), 0.058 * np.sin(turn)])
+        normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+        outer = np.array([0.030 + 0.050 * np.sin(turn), 0.004 + 0.058 * (1.0 - np.cos(turn))])
+        r, z = outer + (0.005 + radius) * normal
+        gaps, slopes = [], []
+        for azimuth in np.linspace(0.0, 2.0, 230):
+            out, side = np.array([np.cos(azimuth), np.sin(azimuth), 0.0]), [-np.sin(azimuth), np.cos(azimuth)]
+            at = np.array([identity_frame(), identity_frame()])
+            at[1, :3] = r * out + [0.0, 0.0, z]
+            gap, found = distance_of_bodies(at, arrays.pieces, arrays.rows, arrays.first, DIRECTIONS)
+            gaps.append(gap)
+            slopes.append(float(found[0, :2] @ side))
+        assert -INSIDE < min(gaps) and max(gaps) < OUTSIDE
+        assert np.abs(slopes).max() < np.sin(0.25)  # half of a sector, and of a facet across it
+        # the gap widens up to a seam and narrows behind it: a ridge would do the opposite
+        jumps = np.flatnonzero(np.abs(np.diff(slopes)) > 0.1)
+        assert len(jumps) > 3
+        for k in jumps:
+            assert slopes[k] > 0.0 > slopes[k + 1]

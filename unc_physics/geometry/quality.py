@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from ..compiler import kernel
+from ..shapes.distance import even_directions
 from .triangle_tree import build_triangle_tree, nearest_on_mesh
 
 #: Radius of the ball whose sink is measured [m].
@@ -187,12 +188,3 @@ def hull(points):
     except QhullError:  # too flat
         return points, np.empty((0, 3))
     return points[found.vertices], np.unique(found.equations[:, :3].round(9), axis=0)
-
-
-def even_directions(count):
-    """Return evenly spread unit vectors (count, 3), a Fibonacci lattice."""
-    k = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * k / count
-    angle = np.pi * (1.0 + np.sqrt(5.0)) * k
-    s = np.sqrt(1.0 - z * z)
-    return np.stack([s * np.cos(angle), s * np.sin(angle), z], axis=1)

@@ -16,7 +16,6 @@ from ..compiler.arrays import empty
 from ..spatial.rotation import rotation_matrix
 from ..spatial.vectors import dot, minus, plus, times, triple
 from .columns import (
-    CENTER,
     FIRST_FACE,
     FRAME,
     HALF_SPACE,
@@ -31,7 +30,7 @@ from .columns import (
 )
 from .nearest import drawn_apart, nearest
 from .pieces import joined, piece_arrays
-from .support import gap_along, get, matrix_times
+from .support import center, gap_along, get, matrix_times
 
 #: Directions from which depths are looked for, the most promising ones.
 STARTS = 3
@@ -55,15 +54,6 @@ class SignedDistance(NamedTuple):
     normal: np.ndarray
     point_a: np.ndarray
     point_b: np.ndarray
-
-
-@inner
-def _middle(p, base, frames, pieces):
-    """Return the centre of a piece's bounding sphere, relative to ``base``; world axes."""
-    frame = frames[int(pieces[p, OWNER])]
-    return plus(
-        minus(triple(frame, POSITION), base), matrix_times(frame, ROTATION, triple(pieces[p], CENTER))
-    )
 
 
 @inner
@@ -114,7 +104,7 @@ def least_gap(a, b, far, directions, tried, base, frames, pieces, rows, work):
     """
     n = (1.0, 0.0, 0.0)
     if pieces[a, KIND] != HALF_SPACE:
-        away = minus(_middle(b, base, frames, pieces), _middle(a, base, frames, pieces))
+        away = minus(center(b, base, frames, pieces), center(a, base, frames, pieces))
         length = math.sqrt(dot(away, away))
         if length > 0.0:
             n = times(1.0 / length, away)
@@ -148,8 +138,8 @@ def distance_of_bodies(frames, pieces, rows, first, directions):
     return best, out
 
 
-def _even_directions(count):
-    """Return unit vectors (count, 3) that cover the sphere evenly (a Fibonacci lattice)."""
+def even_directions(count: int) -> np.ndarray:
+    """Return evenly spread unit vectors (count, 3), a Fibonacci lattice."""
     k = np.arange(count) + 0.5
     z, turn = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
     r = np.sqrt(1.0 - z * z)
@@ -157,7 +147,7 @@ def _even_directions(count):
 
 
 #: Unit vectors from which depths are looked for.
-DIRECTIONS = _even_directions(64)
+DIRECTIONS = even_directions(64)
 
 
 def identity_frame() -> np.ndarray:

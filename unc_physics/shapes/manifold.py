@@ -11,7 +11,6 @@ from ..compiler.arrays import empty
 from ..spatial.rotation import cross
 from ..spatial.vectors import dot, minus, plus, times, triple
 from .columns import (
-    CENTER,
     CONTACT,
     FACE_OF,
     FACE_OF_A,
@@ -39,7 +38,7 @@ from .columns import (
     ROUNDING,
 )
 from .nearest import half_space, nearest
-from .support import face, gap_along, get, matrix_times, put, support, transposed_times, unit
+from .support import center, face, gap_along, get, matrix_times, put, support, transposed_times, unit
 
 #: Most contacts of two pieces, and of two bodies: two rectangles overlap in an octagon, and a bowl in a bowl
 #: needs about 24.
@@ -321,15 +320,6 @@ _CANDIDATES, _NEAR_PAIRS = 192, 512
 
 
 @inner
-def _centre(p, base, frames, pieces):
-    """Return the centre of a piece's bounding sphere, relative to ``base``."""
-    frame = frames[int(pieces[p, OWNER])]
-    return plus(
-        minus(triple(frame, POSITION), base), matrix_times(frame, ROTATION, triple(pieces[p], CENTER))
-    )
-
-
-@inner
 def _sort(near, count):
     """Sort pairs of pieces by their gaps."""
     for c in range(1, count):
@@ -374,7 +364,7 @@ def contacts_of_bodies(i, j, far, lean, base, frames, pieces, rows, first, near,
             a, b = (pb, pa) if pieces[pb, KIND] == HALF_SPACE else (pa, pb)
             n = (0.0, 0.0, 1.0)
             if pieces[a, KIND] != HALF_SPACE:
-                away = minus(_centre(b, base, frames, pieces), _centre(a, base, frames, pieces))
+                away = minus(center(b, base, frames, pieces), center(a, base, frames, pieces))
                 length = math.sqrt(dot(away, away))
                 if length - pieces[a, RADIUS] - pieces[b, RADIUS] > far:
                     continue

@@ -12,6 +12,7 @@ from ..spatial.vectors import dot, minus, plus, times, triple
 from .columns import (
     AXES,
     AZIMUTH,
+    CENTER,
     CORNERS_FROM,
     CORNERS_TO,
     COS_HALF,
@@ -114,6 +115,14 @@ def support(p, d, base, frames, pieces, rows):
 
 
 @inner
+def center(p, base, frames, pieces):
+    """Return the centre of a piece's bounding sphere, relative to ``base``; world axes."""
+    frame = frames[int(pieces[p, OWNER])]
+    start = minus(triple(frame, POSITION), base)
+    return plus(start, matrix_times(frame, ROTATION, triple(pieces[p], CENTER)))
+
+
+@inner
 def gap_along(a, b, n, base, frames, pieces, rows):
     """Return the gap of two pieces along a unit vector ``n`` from a to b; below zero: overlap [m]."""
     q = support(b, times(-1.0, n), base, frames, pieces, rows)
@@ -198,8 +207,8 @@ def _lathe_face(piece, frame, start, rows, b, lean, load, out):
     away = matrix_times(frame, ROTATION, matrix_times(piece, AXES, (x, y, 0.0)))
     o = plus(start, matrix_times(frame, ROTATION, triple(piece, ORIGIN)))
     if whole and abs(nr) < _UPRIGHT:
-        center, normal = plus(o, times(z0, axis)), times(nz, axis)
-        return _octagon(max(r0, r1), center, normal, away, s > _UPRIGHT, lean, load, out), normal
+        middle, normal = plus(o, times(z0, axis)), times(nz, axis)
+        return _octagon(max(r0, r1), middle, normal, away, s > _UPRIGHT, lean, load, out), normal
     if not whole and nr < _UPRIGHT and max(r0, r1) > 0.0:  # an edge on the axis is a segment
         return _flat(piece, frame, o, axis, r0, z0, r1, z1, nr, nz, lean, load, out)
     put(out, 0, plus(o, plus(times(r0, away), times(z0, axis))))
@@ -208,12 +217,12 @@ def _lathe_face(piece, frame, start, rows, b, lean, load, out):
 
 
 @inner
-def _where_load_leaves(r, center, n, away, lean, load):
+def _where_load_leaves(r, middle, n, away, lean, load):
     """Return the unit vector from a disc's centre to where a load that moves along ``lean`` leaves the disc.
 
     Without a direction in the disc's plane it leads to the load, and ``away`` is the last resort.
     """
-    c, along = minus(load, center), minus(lean, times(dot(lean, n), n))
+    c, along = minus(load, middle), minus(lean, times(dot(lean, n), n))
     c = minus(c, times(dot(c, n), n))
     cc, length = dot(c, c), dot(along, along)
     if length > _NO_DIRECTION * _NO_DIRECTION and cc < r * r:
@@ -226,22 +235,22 @@ def _where_load_leaves(r, center, n, away, lean, load):
 
 
 @inner
-def _octagon(r, center, n, away, leans, lean, load, out):
+def _octagon(r, middle, n, away, leans, lean, load, out):
     """Write the octagon that stands for a disc as `face`; return the number of its corners.
 
     They go around counter-clockwise as seen from the side of the normal ``n``. ``away`` leads to the lowest
     point of a disc that ``leans``.
     """
     h, count = math.sqrt(0.5), 0
-    u = times(r, _where_load_leaves(r, center, n, away, lean, load))
+    u = times(r, _where_load_leaves(r, middle, n, away, lean, load))
     v, p = cross(n, u), times(r, away)
     for _ in range(8):
-        put(out, count, plus(center, u))
+        put(out, count, plus(middle, u))
         count += 1
         turned = times(h, plus(u, v))
         v = times(h, minus(v, u))
         if leans and dot(cross(u, p), n) > 0.0 and dot(cross(p, turned), n) > 0.0:
-            put(out, count, plus(center, p))
+            put(out, count, plus(middle, p))
             count += 1
         u = turned
     return count

@@ -33,6 +33,7 @@ TIMED = {
 APART, OVERLAP, WRONG_SIGN = "error apart", "error of depths to 5 mm", "wrong sign"
 _DEEPEST = 5e-3  # depth to which errors are agreed [m]
 _SURE = 1e-6  # distance beyond which a sign counts [m]
+_CLOSE = 1e-9  # of a gap to the one that is wanted [m]
 _STARTS = 4  # of the minimisation
 _GAPS = 0.05, 1e-2, 1e-3, 1e-4, 1e-6, 0.0, -1e-6, -1e-4, -1e-3, -4e-3
 
@@ -44,7 +45,7 @@ def jobs(settings: Settings) -> list[Job]:
     compared = []
     for a, b in _pairs():
         judged_by_coal = b not in OTHERS
-        count = (200 if settings.quick else 4762) if judged_by_coal else (10 if settings.quick else 300)
+        count = (200 if settings.quick else 4762) if judged_by_coal else (5 if settings.quick else 40)
         cost = (3e-3 if judged_by_coal else 0.1) * count
         compared.append(Job("distances", settings.parameters(first=a, second=b, pairs=count), cost=cost))
     timed = [
@@ -81,6 +82,8 @@ def run(job: Job) -> Outcome:
         for _ in range(8):
             frames[1, :3] = along * direction
             gap, found = distance_of_bodies(frames, arrays.pieces, arrays.rows, arrays.first, DIRECTIONS)
+            if abs(gap - wanted) < _CLOSE:
+                break
             along -= (gap - wanted) / max(float(found[0] @ direction), 0.3)
         if coal_a and coal_b:
             expected = coal_distance(coal_a, coal_b, frames)
