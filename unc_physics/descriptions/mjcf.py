@@ -53,10 +53,10 @@ def read_mjcf(path: Path, configuration: Mapping[str, float] | None = None) -> D
     except Exception as error:  # noqa: BLE001 - MuJoCo raises errors of several types
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InvalidRequestError(f"is no MJCF that MuJoCo compiles: {reason}", field=place) from None
-    return _Reader(mujoco, model, path).description(configuration or {})
+    return _CompiledModel(mujoco, model, path).description(configuration or {})
 
 
-class _Reader:
+class _CompiledModel:
     """Reader of a compiled model at one configuration."""
 
     def __init__(self, mujoco, model, path):

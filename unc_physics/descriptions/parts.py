@@ -201,7 +201,7 @@ def read_mass(text: str) -> float:
 
 
 def transform(position, rotation=None) -> np.ndarray:
-    """Return a transform (4, 4) of a position (3,) and a `scipy` rotation."""
+    """Return a transform (4, 4) of a position (3,) and a rotation of SciPy."""
     T = np.eye(4)
     T[:3, 3] = position
     if rotation is not None:
