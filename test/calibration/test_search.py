@@ -9,7 +9,7 @@ from throws import scene
 
 from unc_physics.calibration.adjustable import Model, adjustables, chosen, with_values
 from unc_physics.calibration.posterior import Posterior, prior_weight
-from unc_physics.calibration.search import Search
+from unc_physics.calibration.search import ParameterSearch
 from unc_physics.calibration.uncertainty import (
     _along,
     _axis,
@@ -46,7 +46,7 @@ def found(count=MOTIONS):
     """The known scores, what is estimated, and the scores that were tried."""
     known, told = Known(count), []
     posterior = Posterior(known, MODEL._replace(), ADJUSTED, told.append)
-    search = Search(posterior)
+    search = ParameterSearch(posterior)
     search.approach()
     search.run(20)
     return known, refine(posterior, search.best), told
@@ -98,7 +98,7 @@ def test_a_model_that_cannot_be_simulated_is_no_candidate():
 
     broken = Known()
     broken.per_motion = fails
-    search = Search(Posterior(broken, MODEL, ADJUSTED))
+    search = ParameterSearch(Posterior(broken, MODEL, ADJUSTED))
     search.approach()
     assert ADJUSTED[0].unscaled(search.best[0]) >= 0.4
 
@@ -111,7 +111,7 @@ def test_other_errors_of_the_simulation_end_the_search():
 
     broken.per_motion = runs_out_of_memory
     with pytest.raises(LimitExceededError):
-        Search(Posterior(broken, MODEL, ADJUSTED))
+        ParameterSearch(Posterior(broken, MODEL, ADJUSTED))
 
 
 def test_values_that_make_up_for_each_other_are_as_uncertain_as_that():
@@ -134,7 +134,7 @@ def test_values_that_make_up_for_each_other_are_as_uncertain_as_that():
             return 0.5 * ((way - errors) ** 2 @ stiff)
 
     posterior = Posterior(Valley(), Model(laws, 1e-3, 1e-3), adjusted)
-    search = Search(posterior)
+    search = ParameterSearch(posterior)
     search.approach()
     search.run(20)
     estimate = refine(posterior, search.best)

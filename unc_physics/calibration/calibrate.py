@@ -18,7 +18,7 @@ from .flight import FlightGravity, FlightStart, flight_gravity, pose_noise
 from .motions import Motion
 from .objective import DRAWS, TIMES, Objective, Recorded, Scores, Simulator, recorded, simulated
 from .posterior import Posterior
-from .search import Search
+from .search import ParameterSearch
 from .uncertainty import refine, refining
 
 EVALUATIONS = 80
@@ -232,7 +232,7 @@ def fit_model(
     ``simulate`` makes the predictions.
     """
     few = Objective(motions[:_SEARCHED], samples, seed, simulate)
-    search = Search(Posterior(few, before, adjusted, report_score, len(motions)))
+    search = ParameterSearch(Posterior(few, before, adjusted, report_score, len(motions)))
     search.approach()
     if evaluations - search.tried > 2 * len(adjusted):
         search.run(evaluations - search.tried)

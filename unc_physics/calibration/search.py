@@ -9,7 +9,7 @@ from .posterior import Posterior
 _FIRST_STEP, _LAST_STEP = 0.7, 0.07  # of the search, in standard deviations of the priors
 
 
-class Search:
+class ParameterSearch:
     """Minimization of the penalised score, from the medians of the priors."""
 
     def __init__(self, posterior: Posterior):
