@@ -149,7 +149,6 @@ def variation(scene: Scene, z: np.ndarray) -> Variation:
     materials[:, c.FRICTION], materials[:, c.RESTITUTION] = own.friction, own.restitution
     given = [surface.torsional_friction for surface in scene.surfaces]
     materials[:, c.TORSION] = [-1.0 if value is None else value for value in given]
-    materials[:, c.ROLLING] = -1.0
     mass, tilt = np.ones((count, len(scene.bodies))), np.zeros((count, 2))
     offset = np.zeros((count, len(scene.bodies), 3))
     turns = np.zeros((count, len(scene.environment), 3))

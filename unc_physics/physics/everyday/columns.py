@@ -63,8 +63,8 @@ BODY_A, BODY_B, PIECE_A, PIECE_B = 79, 80, 81, 82
 BEFORE = 83  # impulses before a sweep; the first also those of `solve.push_out`
 RIM_A, RIM_B = 86, 87  # whether it is the lathe's farthest point, which travels along the rim as it tilts
 FACE_OF = 88  # whose face the other body's point touches, and with which the normal turns: 1 a, 2 b, 0 none
-TWIST = 89  # most moment per normal force: about the normal, about the tangents [m]
-MOMENT, WARM_MOMENT = 91, 94  # moments' impulses about normal and tangents; their moments to start from
+TWIST = 89  # most moment about the normal per normal force [m]
+MOMENT, WARM_MOMENT = 90, 91  # impulse of that moment; moment to start from
 SINCE = 97  # ways of both bodies' farthest points since its search [m]
 IMPULSE = 98  # of the whole step, world axes
 SAVED = 101  # normal and tangents while an impact's error turns them
@@ -110,13 +110,9 @@ STEP_NUMBER, PART = 9, 10  # number of the present step, and which part of it
 SETTINGS = 11
 
 # ---- materials, rows of an array with a column for each body and element
-FRICTION, RESTITUTION, TORSION, ROLLING = (
-    0,
-    1,
-    2,
-    3,
-)  # the last two: moments per normal force [m]; < 0: not given
-MATERIALS = 4
+FRICTION, RESTITUTION = 0, 1
+TORSION = 2  # moment per normal force [m]; below 0 if not given
+MATERIALS = 3
 
 # ---- what is counted
 (CONTACTS, VISITS, SEARCHES, CUT, IMPACTS, IMPACT_VISITS, DIRECTS, SETTLED) = range(8)

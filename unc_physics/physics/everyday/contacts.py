@@ -157,9 +157,8 @@ def _complete(C, n, Y, solids, surface, materials):
     sa, sb = int(solids.spots[pa, SURFACE_OF]), int(solids.spots[pb, SURFACE_OF])
     C[n, MU0] = math.sqrt(materials[FRICTION, sa] * materials[FRICTION, sb])
     C[n, MU], C[n, E] = C[n, MU0], math.sqrt(materials[RESTITUTION, sa] * materials[RESTITUTION, sb])
-    for k in range(2):
-        x, y = materials[TORSION + k, sa], materials[TORSION + k, sb]
-        C[n, TWIST + k] = math.sqrt(x * y) if x >= 0.0 and y >= 0.0 else max(x, y, 0.0)
+    x, y = materials[TORSION, sa], materials[TORSION, sb]
+    C[n, TWIST] = math.sqrt(x * y) if x >= 0.0 and y >= 0.0 else max(x, y, 0.0)
     C[n, SURFACE_A], C[n, SURFACE_B], C[n, STRUCK] = sa, sb, 0.0
     e = sa - (len(materials[0]) - len(surface))
     v = (0.0, 0.0, 0.0)
@@ -170,7 +169,7 @@ def _complete(C, n, Y, solids, surface, materials):
     write(C, n, BELT_U, (0.0, dot(v, t1), dot(v, three(C, n, TAN2))))
     C[n, MODE] = 0.0
     write(C, n, IMPULSE, (0.0, 0.0, 0.0))
-    write(C, n, MOMENT, (0.0, 0.0, 0.0))
+    C[n, MOMENT] = 0.0
 
 
 @inner
@@ -246,7 +245,7 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     write(C, n, LEVER_B, rb)
     C[n, GAP0], C[n, FACE_OF], C[n, RIM_A], C[n, RIM_B], C[n, SINCE] = gap, face, rim_a, rim_b, 0.0
     write(C, n, WARM, (0.0, 0.0, 0.0))
-    write(C, n, WARM_MOMENT, (0.0, 0.0, 0.0))
+    C[n, WARM_MOMENT] = 0.0
     best, which = SAME_POINT * SAME_POINT, -1
     for j in range(first, first + had):
         d = minus(rb, three(old, j, LEVER_B))
@@ -256,12 +255,12 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
         other = (0.0, 1.0, 0.0) if abs(normal[1]) < 0.7 else (1.0, 0.0, 0.0)
         t1 = unit(cross(normal, other))
         t2 = cross(normal, t1)
-        for at in (WARM, WARM_MOMENT):
-            across = plus(
-                times(old[which, at + 1], three(old, which, TAN1)),
-                times(old[which, at + 2], three(old, which, TAN2)),
-            )
-            write(C, n, at, (old[which, at], dot(across, t1), dot(across, t2)))
+        across = plus(
+            times(old[which, WARM + 1], three(old, which, TAN1)),
+            times(old[which, WARM + 2], three(old, which, TAN2)),
+        )
+        write(C, n, WARM, (old[which, WARM], dot(across, t1), dot(across, t2)))
+        C[n, WARM_MOMENT] = old[which, WARM_MOMENT]
         old[which, MODE] = 1.0  # used
 
 
@@ -581,7 +580,7 @@ def store(n, C, Y, out):
     for k in range(n):
         for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
             write(out, k, at, three(C, k, of))
-        write(out, k, R_MOMENT, three(C, k, WARM_MOMENT))
+        out[k, R_MOMENT] = C[k, WARM_MOMENT]
         write(out, k, R_POINTED + 1, three(C, k, EDGE))
         out[k, R_POINTED] = C[k, POINTED]
         write(out, k, R_IMPULSE, three(C, k, IMPULSE))
@@ -607,7 +606,7 @@ def restore(n, rows, C, Y, solids, surface, materials, search):
     for k in range(n):
         for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
             write(C, k, of, three(rows, k, at))
-        write(C, k, WARM_MOMENT, three(rows, k, R_MOMENT))
+        C[k, WARM_MOMENT] = rows[k, R_MOMENT]
         write(C, k, EDGE, three(rows, k, R_POINTED + 1))
         C[k, POINTED] = rows[k, R_POINTED]
         for x in range(4):

@@ -93,8 +93,8 @@ class Variation(NamedTuple):
 
     Attributes
     ----------
-    materials : (M, 4, S) float64
-        Friction, restitution, torsional and rolling friction.
+    materials : (M, 3, S) float64
+        Friction, restitution, torsional friction.
     mass : (M, B) float64
         Factors.
     offset : (M, B, 3) float64

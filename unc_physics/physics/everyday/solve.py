@@ -93,29 +93,21 @@ def closing(Y, C, k):
 
 @inner(noinline=True, error_model="numpy")
 def _resist(Y, C, k):
-    """Let torsional and rolling friction of a contact act; return the largest change of speed.
+    """Let torsional friction of a contact act; return the change of speed.
 
-    Moments about the normal and about the tangents oppose relative spin, up to TWIST times LN.
+    A moment about the normal opposes relative spin, up to TWIST times LN.
     """
-    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-    most, wide = 0.0, C[k, TWIST + 1] * C[k, LN]
-    for x in range(3):
-        top = C[k, TWIST] * C[k, LN] if x == 0 else wide
-        if top == 0.0 and C[k, MOMENT + x] == 0.0:
-            continue
-        d = three(C, k, NORMAL + 3 * x)
-        w = dot(d, minus(three(Y, b, SPIN), three(Y, a, SPIN)))
-        easy = dot(d, symmetric_times(Y, b, IWORLD, d))
-        if Y[a, IMASS] > 0.0:
-            easy += dot(d, symmetric_times(Y, a, IWORLD, d))
-        if x == 2:  # what the other tangent leaves of the cone
-            top = math.sqrt(max(wide * wide - C[k, MOMENT + 1] * C[k, MOMENT + 1], 0.0))
-        new = min(max(C[k, MOMENT + x] - w / easy, -top), top)
-        change = new - C[k, MOMENT + x]
-        C[k, MOMENT + x] = new
-        most = max(most, abs(change) * easy * C[k, TWIST + (1 if x > 0 else 0)])
-        _twist_by(Y, C, k, times(change, d))
-    return most
+    a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
+    w = dot(n, minus(three(Y, b, SPIN), three(Y, a, SPIN)))
+    easy = dot(n, symmetric_times(Y, b, IWORLD, n))
+    if Y[a, IMASS] > 0.0:
+        easy += dot(n, symmetric_times(Y, a, IWORLD, n))
+    top = C[k, TWIST] * C[k, LN]
+    new = min(max(C[k, MOMENT] - w / easy, -top), top)
+    change = new - C[k, MOMENT]
+    C[k, MOMENT] = new
+    _twist_by(Y, C, k, times(change, n))
+    return abs(change) * easy * C[k, TWIST]
 
 
 @inner(noinline=True, error_model="numpy")
@@ -167,7 +159,7 @@ def sweep(first, last, C, Y, h):
         if two:
             write(Y, a, VEL, minus(va, times(ma, f)))
             write(Y, a, SPIN, minus(wa, plus(times(d1, three(C, k, IA + 3)), times(d2, three(C, k, IA + 6)))))
-        if C[k, TWIST] > 0.0 or C[k, TWIST + 1] > 0.0:
+        if C[k, TWIST] > 0.0:
             most = max(most, _resist(Y, C, k))
     return most
 
@@ -215,12 +207,11 @@ def start_warm(first, last, C, Y, h):
     for k in range(first, last):
         share = h if C[k, MODE] != WAITS else 0.0
         write(C, k, LN, times(share, three(C, k, WARM)))
-        write(C, k, MOMENT, times(share, three(C, k, WARM_MOMENT)))
+        C[k, MOMENT] = share * C[k, WARM_MOMENT]
         if C[k, LN] > 0.0:
             kick(Y, C, k, C[k, LN], C[k, L1], C[k, L2])
-            if C[k, TWIST] > 0.0 or C[k, TWIST + 1] > 0.0:
-                m = plus(times(C[k, MOMENT], three(C, k, NORMAL)), times(C[k, MOMENT + 1], three(C, k, TAN1)))
-                _twist_by(Y, C, k, plus(m, times(C[k, MOMENT + 2], three(C, k, TAN2))))
+            if C[k, TWIST] > 0.0:
+                _twist_by(Y, C, k, times(C[k, MOMENT], three(C, k, NORMAL)))
 
 
 @inner
@@ -228,7 +219,7 @@ def keep_warm(first, last, C, h):
     """Keep the forces of this substep for the next one."""
     for k in range(first, last):
         write(C, k, WARM, times(1.0 / h, three(C, k, LN)))
-        write(C, k, WARM_MOMENT, times(1.0 / h, three(C, k, MOMENT)))
+        C[k, WARM_MOMENT] = C[k, MOMENT] / h
 
 
 @inner(noinline=True, error_model="numpy")

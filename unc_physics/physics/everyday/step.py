@@ -70,7 +70,7 @@ class Own(NamedTuple):
     """What belongs to one rollout alone."""
 
     par: np.ndarray  # (SETTINGS,)
-    materials: np.ndarray  # (4, S): friction, restitution, torsional and rolling friction
+    materials: np.ndarray  # (3, S): friction, restitution, torsional friction
     held: np.ndarray  # (B, 2): times of attachment and release [s]
     shift: np.ndarray  # (B, 7): displacement and rotation of paths
     hold: np.ndarray  # (B, 7): poses of attached bodies in those of their carriers
