@@ -64,9 +64,13 @@ def animation(name: str, *options: str) -> Picture:
     return still._replace(sources=(*still.sources, "unc_physics/plots/scene_animation.py"))
 
 
+#: Sources of pictures of models.
+DRAWING = "unc_physics/geometry/picture.py", "unc_physics/geometry/piece_mesh.py"
+
+
 def model(name: str, up: str = "z") -> Picture:
     """A packing at several levels, with one of its axes up."""
-    sources = f"models/{name}.npz", "unc_physics/geometry/picture.py"
+    sources = f"models/{name}.npz", *DRAWING
     return Picture(("unc_physics", "show", name, "--up", up, "-o", "OUT"), sources)
 
 
@@ -98,6 +102,10 @@ def pictures() -> dict[str, Picture]:
         "table.gif": animation("table", "--period", "0.05", "--probabilities", *SAMPLED),
         "models_bunny.png": model("bunny", "y"),
         "models_mug.png": model("mug"),
+        "shapes.png": Picture(
+            ("docs.plot_shapes", "OUT"),
+            ("docs/plot_shapes.py", "models/bottle.npz", "models/mug.npz", *DRAWING),
+        ),
         "demo.png": Picture(
             ("unc_physics.ros.demo", "--output", "OUT"),
             (

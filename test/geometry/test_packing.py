@@ -1,5 +1,7 @@
 """The laws of a packing, checked by code that shares nothing with the packer."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,6 +11,7 @@ from test_distance import brute_distances
 
 from unc_physics.checks.errors import InvalidOptionError, InvalidRequestError
 from unc_physics.geometry.packing import pack_solid
+from unc_physics.geometry.quality import extent_losses
 from unc_physics.geometry.solid_mesh import make_solid, winding_number
 
 TOUCH = 1e-12  # of the bounding radius: what overlap and protrusion may come to
@@ -138,3 +141,17 @@ def test_the_pair_of_load_solid_is_refused_with_what_to_write():
         pack_solid((solid, []), 10)
     with pytest.raises(InvalidRequestError, match="solid must be a SolidMesh, not a str"):
         pack_solid("cube.stl", 10)
+
+
+def test_the_quality_of_a_fine_mesh_needs_little_memory():
+    """Heights of all corners along all faces' normals would take 26 GiB."""
+    mesh = trimesh.creation.icosphere(subdivisions=6, radius=0.1)
+    corners, ball = np.asarray(mesh.triangles), np.array([[0.0, 0.0, 0.0, 0.09]])
+    tracemalloc.start()
+    try:
+        (loss,) = extent_losses(corners, ball, np.ones(1, int))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(corners) == 81_920 and loss == pytest.approx(0.01, rel=1e-3)
+    assert peak < 5e8

@@ -1,8 +1,11 @@
 """Model files: round trip, the contract for foreign ones, refusals, and never half a file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from unc_physics import load_model
 from unc_physics.checks.errors import InvalidModelError
 from unc_physics.geometry import packing_file
 from unc_physics.geometry.packing_file import SpherePacking, load_packing, save_packing
@@ -164,3 +167,21 @@ def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch, interru
         save_packing(path, example().scaled(2.0))
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_distances_of_pieces_are_kept_and_scaled(tmp_path):
+    mug = load_model("mug")
+    assert mug.pieces_kind == "recipe" and mug.pieces_error[3] < 7e-4
+    loaded = load_packing(save_packing(tmp_path / "mug.npz", mug.scaled(0.5)))
+    assert loaded.pieces_kind == "recipe"
+    np.testing.assert_allclose(loaded.pieces_error, 0.5 * mug.pieces_error, rtol=1e-12)
+    with pytest.raises(InvalidModelError, match="pieces_error must not be negative"):
+        replace(mug, pieces_error=-mug.pieces_error)
+
+
+@pytest.mark.parametrize("name", ["armadillo", "bunny"])
+def test_scans_are_cut_into_hulls(name):
+    model = load_model(name)
+    mean, _, outside, inside = model.pieces_error
+    assert model.pieces_kind == "convex decomposition" and 2 < len(model.pieces) <= 32
+    assert mean < 1e-3 and outside < 1e-3 and inside < 5e-3

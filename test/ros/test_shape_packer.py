@@ -20,6 +20,11 @@ PHYSICS = {"dt": 0.01, "integrator": "implicit", "gravity": (0.0, 0.0, 0.0)}
 SPHERES = 20
 
 
+@pytest.fixture(autouse=True)
+def no_time_to_cut(monkeypatch):
+    monkeypatch.setattr(models, "CUTTING_TIMEOUT", 0.0)
+
+
 @pytest.fixture
 def library():
     made = ModelLibrary()
@@ -239,3 +244,35 @@ def test_limits_and_what_an_obstacle_cannot_have(library, monkeypatch):
         read(library, moving_object(), elements=[cone])
     with pytest.raises(NoObjectsError):
         read(library)
+
+
+def test_a_mesh_has_its_hull_at_once_and_convex_pieces_later(library, monkeypatch):
+    pytest.importorskip("coacd")
+    monkeypatch.setattr(models, "CUTTING_TIMEOUT", 300.0)
+    first = library.shape_packer.of_mesh(mesh_message(TORUS), SPHERES, "mesh")
+    assert first.pieces_kind == models.HULL and len(first.pieces) == 1
+    library.shape_packer._cutter.submit(lambda: None).result()  # after the cut
+    later = library.shape_packer.of_mesh(mesh_message(TORUS), SPHERES, "mesh")
+    assert later.pieces_kind == "convex decomposition" and len(later.pieces) > 4
+    assert later.pieces_error.max() < 0.5 * first.pieces_error.max()
+    np.testing.assert_array_equal(later.centers, first.centers)
+    again = library.shape_packer.of_mesh(mesh_message(TORUS), SPHERES + 1, "mesh")
+    library.shape_packer._cutter.submit(lambda: None).result()
+    assert (
+        again.pieces_kind == models.HULL
+    )  # each number of spheres begins with the hull, and gets the same pieces
+    assert library.shape_packer.of_mesh(mesh_message(TORUS), SPHERES + 1, "mesh").pieces is later.pieces
+
+
+def test_a_mesh_that_is_not_cut_keeps_its_hull(library, monkeypatch):
+    monkeypatch.setattr(models, "find_spec", lambda _: None)
+    for _ in range(2):
+        found = library.shape_packer.of_mesh(mesh_message(TORUS), SPHERES, "mesh")
+        assert found.pieces_kind == models.HULL and found.pieces_error.max() > 0.02
+
+
+def test_convex_meshes_and_primitives_are_exact_at_once(library):
+    box = trimesh.creation.box((0.3, 0.2, 0.1))
+    assert library.shape_packer.of_mesh(mesh_message(box), SPHERES, "mesh").pieces_kind == "box"
+    message = primitive(SolidPrimitive.CYLINDER, 0.3, 0.1)
+    assert library.shape_packer.of_primitive(message, SPHERES, "primitive").pieces_kind == "cylinder"

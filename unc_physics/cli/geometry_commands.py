@@ -123,7 +123,7 @@ def add_show_command(commands) -> None:
     parser = commands.add_parser(
         "show",
         help="draw a model",
-        description="Draw the bounding box of a model's mesh, and its first 10, 100 ... spheres, into a PNG.",
+        description="Draw the pieces of a model, and its first 10, 100 ... spheres, into a PNG.",
     )
     parser.add_argument("model", metavar="MODEL", help="a model's name, or the path of its file")
     parser.add_argument("-o", "--output", metavar="OUT.png", help="picture to write (default: MODEL.png)")
@@ -182,10 +182,9 @@ def run_pack(arguments: argparse.Namespace) -> int:
         solid = solid.scaled(arguments.scale)
     solid = replace(solid, name=name)
     about |= {"largest_first": arguments.largest_first}
-    pieces = about.pop("pieces", ()) or _pieces(
-        solid, arguments.pieces, arguments.tolerance, arguments.threads
-    )
-    _pack(solid, arguments.spheres, arguments.threads, output, **about, pieces=pieces)
+    if not about.get("pieces"):
+        about |= _pieces(solid, arguments.pieces, arguments.tolerance, arguments.threads)
+    _pack(solid, arguments.spheres, arguments.threads, output, **about)
     _note_units(solid, arguments.scale)
     return 0
 
@@ -295,7 +294,11 @@ def run_show(arguments: argparse.Namespace) -> int:
     with writing(output, "--output"):
         draw_levels(output, parts, up=arguments.up)
     print(quality_table(parts))
-    if packing.has_only_spheres:
+    if not packing.has_only_spheres:
+        print(f"{len(packing.pieces)} pieces: {packing.pieces_kind or 'of unknown origin'}")
+        if packing.pieces_error is not None:
+            print(error_text(packing.pieces_error))
+    else:
         note("the model has no pieces, only spheres: a small body can pass between them")
     print(f"wrote {printable(str(output))}")
     return 0
@@ -321,13 +324,13 @@ def _make(arguments):
         solid, about = recipe_solid(name, arguments.meshes)
         about |= {"largest_first": RECIPES[name].largest_first}
         if "pieces" not in about:
-            about["pieces"] = _pieces(solid, RECIPES[name].pieces, None, arguments.threads)
+            about |= _pieces(solid, RECIPES[name].pieces, None, arguments.threads)
         _pack(solid, arguments.spheres or RECIPES[name].spheres, arguments.threads, output, **about)
     return 0
 
 
 def _pieces(solid, most, tolerance, threads):
-    """Return the pieces of a mesh, and print what they are; none where coacd is needed and missing."""
+    """Return the fields of a mesh's pieces, and print what they are; none where coacd is missing."""
     from ..checks.errors import InvalidMeshError, NotSupportedError
     from ..geometry.mesh_pieces import mesh_pieces
 
@@ -336,7 +339,7 @@ def _pieces(solid, most, tolerance, threads):
         found = mesh_pieces(solid, most, tolerance, threads=threads)
     except NotSupportedError as error:
         note(f"{error}; without pieces, a small body can pass between spheres")
-        return ()
+        return {"pieces": ()}
     except InvalidMeshError as error:
         problem = error.problem.replace(
             "ask for more pieces, or allow", "--pieces asks for more, --tolerance for"
@@ -349,7 +352,7 @@ def _pieces(solid, most, tolerance, threads):
     )
     if found.note:
         note(found.note)
-    return found.pieces
+    return found.entries
 
 
 def error_text(error) -> str:

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from ..checks.errors import InvalidMeshError
 #: Random numbers of the search begin here, so that the same mesh has the same parts.
 _SEED = 0
 #: Size of coacd's search for the next cut: a tenth of its time of the defaults, at about the same errors.
+_PERIOD = 0.1  # s, between looks at whether the program is to be stopped
 _SEARCH = {"mcts_iterations": 20, "mcts_nodes": 10, "resolution": 1000}
 
 
@@ -27,7 +29,7 @@ def convex_parts(
     faces: np.ndarray,
     threshold: float,
     most: int,
-    seconds: float | None = None,
+    go_on: Callable[[], bool] = lambda: True,
     threads: int | None = None,
 ) -> list[np.ndarray]:
     """Return the corners (k, 3) of nearly convex parts of a closed mesh [m].
@@ -39,8 +41,8 @@ def convex_parts(
         Concavity at which coacd stops to cut, of a mesh scaled to 2.
     most : int
         Number of parts, at most.
-    seconds : float, optional
-        Time after which the program is stopped.
+    go_on : callable, optional
+        The program is stopped when this returns False.
     threads : int, optional
         Threads; the parts do not depend on it.
 
@@ -55,16 +57,35 @@ def convex_parts(
         environment["OMP_NUM_THREADS"] = str(threads)
     with tempfile.TemporaryDirectory(prefix="unc_physics_parts_") as folder:
         np.savez(Path(folder) / "mesh.npz", vertices=vertices, faces=faces, threshold=threshold, most=most)
-        command = [sys.executable, "-m", __name__, folder]
-        try:
-            subprocess.run(command, env=environment, capture_output=True, timeout=seconds, check=True)
-        except subprocess.TimeoutExpired:
-            raise TimeoutError("coacd took too long") from None
-        except subprocess.CalledProcessError as error:
-            reason = (error.stderr.decode(errors="replace").strip().splitlines() or [error.returncode])[-1]
-            raise InvalidMeshError(f"cannot be cut into convex parts: coacd ends with {reason}") from None
+        with (Path(folder) / "errors").open("w+b") as errors:
+            with subprocess.Popen(
+                [sys.executable, "-m", __name__, folder],
+                env=environment,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+            ) as process:
+                try:
+                    while _is_running(process):
+                        if not go_on():
+                            raise TimeoutError("coacd was stopped")
+                finally:
+                    process.kill()
+            if process.returncode != 0:
+                errors.seek(0)
+                lines = errors.read().decode(errors="replace").strip().splitlines()
+                reason = lines[-1] if lines else process.returncode
+                raise InvalidMeshError(f"cannot be cut into convex parts: coacd ends with {reason}")
         with np.load(Path(folder) / "parts.npz") as found:
             return np.split(found["points"], np.cumsum(found["sizes"])[:-1])
+
+
+def _is_running(process):
+    """Wait a moment for a process, and return whether it goes on."""
+    try:
+        process.wait(_PERIOD)
+    except subprocess.TimeoutExpired:
+        return True
+    return False
 
 
 def main(folder: Path) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+import threading
 import time
+from collections.abc import Sequence
 from importlib.util import find_spec
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +15,7 @@ from ..checks.errors import InvalidMeshError, InvalidModelError, InvalidOptionEr
 from ..shapes.piece_file import PIECES_LIMIT
 from ..shapes.pieces import Hull, Piece
 from .convex_parts import convex_parts
+from .packing_file import HULL
 from .recognition import recognized
 from .solid_mesh import SolidMesh, components
 from .surface_error import SurfaceError, surface_error
@@ -55,6 +59,11 @@ class MeshPieces(NamedTuple):
     extent: float
 
     @property
+    def entries(self) -> dict[str, Any]:
+        """Fields of a `SpherePacking` that hold the pieces."""
+        return {"pieces": self.pieces, "pieces_kind": self.kind, "pieces_error": np.array(self.error)}
+
+    @property
     def note(self) -> str | None:
         """A sentence if the pieces are far from the mesh, or None."""
         if self.error.high <= NOTED * self.extent:
@@ -84,9 +93,14 @@ def simple_pieces(solid: SolidMesh, most: int = PIECES) -> tuple[tuple[Piece, ..
 
 
 def hull_pieces(solid: SolidMesh) -> MeshPieces:
-    """Return the convex hull of a solid as its piece."""
-    points = solid.corners.reshape(-1, 3)
-    return _measured((hull_piece(points, _HULL * _extent(solid)),), "hull", solid)
+    """Return the convex hull of a solid that is not convex, as its piece.
+
+    Raises `InvalidMeshError` if it is too flat.
+    """
+    hull = _hull_or_none(solid.corners.reshape(-1, 3), _HULL * _extent(solid))
+    if hull is None:
+        raise InvalidMeshError("is too flat for a hull", field=f"mesh {solid.name}")
+    return measured_pieces((hull,), HULL, solid)
 
 
 def mesh_pieces(
@@ -95,6 +109,7 @@ def mesh_pieces(
     tolerance: float | None = None,
     seconds: float | None = None,
     threads: int | None = None,
+    stop: threading.Event | None = None,
 ) -> MeshPieces:
     """Return the pieces of a solid.
 
@@ -113,6 +128,8 @@ def mesh_pieces(
         Time for cutting; the best result until then is kept.
     threads : int, optional
         Threads for cutting; the result does not depend on it.
+    stop : threading.Event, optional
+        Cutting ends when it is set, as when the time is over.
 
     Raises
     ------
@@ -130,7 +147,11 @@ def mesh_pieces(
     if tolerance is not None and not 0.0 < tolerance < np.inf:
         raise InvalidOptionError("must be a positive number", field="tolerance", value=tolerance)
     simple = simple_pieces(solid, most)
-    found = _measured(*simple, solid) if simple else _decomposed(solid, most, tolerance, seconds, threads)
+    found = (
+        measured_pieces(*simple, solid)
+        if simple
+        else _decomposed(solid, most, tolerance, seconds, threads, stop)
+    )
     limit = REFUSED * found.extent if tolerance is None else tolerance
     if found.error.largest > limit:
         raise InvalidMeshError(
@@ -169,7 +190,8 @@ def _extent(solid):
     return float(np.ptp(solid.bounds, axis=0).max())
 
 
-def _measured(pieces, kind, solid) -> MeshPieces:
+def measured_pieces(pieces: Sequence[Piece], kind: str, solid: SolidMesh) -> MeshPieces:
+    """Return given pieces of a solid with their surface error."""
     corners = np.concatenate(_outer_components(solid.corners))
     return MeshPieces(tuple(pieces), kind, surface_error(pieces, corners), _extent(solid))
 
@@ -198,7 +220,7 @@ def _convex(corners):
         return None
 
 
-def _decomposed(solid, most, tolerance, seconds, threads) -> MeshPieces:
+def _decomposed(solid, most, tolerance, seconds, threads, stop) -> MeshPieces:
     """Return the best of a few decompositions."""
     if find_spec("coacd") is None:
         raise NotSupportedError(
@@ -206,22 +228,23 @@ def _decomposed(solid, most, tolerance, seconds, threads) -> MeshPieces:
             field=f"mesh {solid.name}",
         )
     extent = _extent(solid)
-    end = None if seconds is None else time.monotonic() + seconds
+    end = math.inf if seconds is None else time.monotonic() + seconds
+
+    def goes_on():
+        return time.monotonic() < end and not (stop is not None and stop.is_set())
+
     vertices, faces = _simplified(np.concatenate(_outer_components(solid.corners)), _SIMPLIFIED * extent)
     best: MeshPieces | None = None
     limit = REFUSED * extent if tolerance is None else tolerance
     for k, threshold in enumerate(_THRESHOLDS):
-        left = None if end is None else end - time.monotonic()
         try:
-            if left is not None and left <= 0.0:
-                raise TimeoutError("the time for cutting is over")
-            parts = convex_parts(vertices, faces, threshold, most, left, threads)
+            parts = convex_parts(vertices, faces, threshold, most, goes_on, threads)
         except TimeoutError:
             if best is None:
                 raise
             break
         hulls = [hull for part in parts if (hull := _hull_or_none(part, _HULL * extent)) is not None]
-        found = _measured(hulls, "convex decomposition", solid)
+        found = measured_pieces(hulls, "convex decomposition", solid)
         if best is None or _rank(found) < _rank(best):
             best = found
         if best.error.largest <= (limit if k + 1 >= _TRIED else _EQUAL * extent):

@@ -81,8 +81,9 @@ def pack_solid(
     progress : callable, optional
         Called now and then with the number of spheres placed and the part of the volume filled.
     **about
-        ``source``, ``licence`` and ``pieces`` for the model file. Without pieces, a solid that is a simple
-        shape or convex gets them (`simple_pieces`); others have none but their spheres.
+        ``source``, ``licence``, ``pieces``, ``pieces_kind`` and ``pieces_error`` for the model file. Without
+        pieces, a solid that is a simple shape or convex gets them (`simple_pieces`); others have none but
+        their spheres.
 
     Returns
     -------
@@ -129,7 +130,7 @@ def pack_solid(
         )
     lengths = prefix_lengths(len(radii))
     if "pieces" not in about and (simple := simple_pieces(solid)) is not None:
-        about["pieces"] = simple[0]
+        about |= {"pieces": simple[0], "pieces_kind": simple[1]}
     return SpherePacking(
         name=solid.name,
         centers=centers,

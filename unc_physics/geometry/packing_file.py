@@ -22,6 +22,8 @@ from ..shapes.pieces import Balls, Hull, Lathe, Piece
 _PROPORTION = 1e12  # of an inertia and the square of its body's reach, to either side
 #: What few spheres may change: the extent of a body, and how far a ball of 10 mm sinks into it [m].
 EXTENT_LOSS, SINK = 0.001, 0.002
+#: Kind of the piece of a mesh that is neither convex nor cut into convex pieces.
+HULL = "hull of a mesh that is not convex"
 ROUND_OFF = 1e-9  # relative; what a file written in decimal or by another program may lose
 
 
@@ -67,6 +69,11 @@ class SpherePacking:
     pieces : sequence of Piece
         Convex pieces whose union is the solid; by default one ball for each sphere. A prefix keeps given
         ones.
+    pieces_kind : str or None
+        What the pieces are: names of shapes, 'hull', 'convex decomposition' or 'recipe'.
+    pieces_error : ndarray (4,) or None
+        Distances between the surfaces of mesh and pieces, as a `SurfaceError`: mean, 99th percentile, and how
+        far at most the mesh is outside the pieces and the pieces outside the mesh [m].
 
     Raises
     ------
@@ -91,6 +98,8 @@ class SpherePacking:
     source: str | None = None
     licence: str | None = None
     pieces: Sequence[Piece] = ()
+    pieces_kind: str | None = None
+    pieces_error: np.ndarray | None = None
 
     def __post_init__(self):
         for field, shape in _ARRAYS.items():
@@ -107,6 +116,10 @@ class SpherePacking:
                 raise InvalidModelError("must be positive", field=field, value=value)
         if self.surface_gap is not None and self.surface_gap < 0.0:
             raise InvalidModelError("must not be negative", field="surface_gap", value=self.surface_gap)
+        if self.pieces_error is not None and np.any(self.pieces_error < 0.0):
+            raise InvalidModelError(
+                "must not be negative", field="pieces_error", value=self.pieces_error.tolist()
+            )
         self._check_measures()
         self._check_pieces()
         reach = spheres_reach(self.centers, self.radii)
@@ -280,7 +293,7 @@ class SpherePacking:
 
 _VERSION = "format_version"
 _MEASURES = ("measured_spheres", "extent_losses", "sinks")
-_LENGTHS = ("centers", "radii", "origin", "bounding_radius", "bounds", "surface_gap")
+_LENGTHS = ("centers", "radii", "origin", "bounding_radius", "bounds", "surface_gap", "pieces_error")
 #: Powers of a length by which fields scale.
 _POWERS = dict.fromkeys((*_LENGTHS, *_MEASURES[1:]), 1) | {"inertia": 2, "volume": 3, "mass": 3}
 _ARRAYS: dict[str, tuple[int | None, ...]] = {
@@ -289,10 +302,11 @@ _ARRAYS: dict[str, tuple[int | None, ...]] = {
     "inertia": (3, 3),
     "origin": (3,),
     "bounds": (2, 3),
+    "pieces_error": (4,),
     **{field: (None,) for field in _MEASURES},
 }
 _SCALARS = ("volume", "bounding_radius", "mass", "surface_gap")
-_TEXTS = ("name", "mesh_sha256", "source", "licence")
+_TEXTS = ("name", "mesh_sha256", "source", "licence", "pieces_kind")
 #: Most spheres of a file, and most characters of a text in it: a small file may say that it holds terabytes.
 SPHERES_LIMIT, _TEXT_LIMIT = 10_000_000, 100_000
 #: Version of the format that is written; files without one are of version 1, which had no pieces.

@@ -1,10 +1,11 @@
-"""Pictures of packings: shaded balls in orthographic view, and the mesh's bounding box."""
+"""Pictures of models: shaded pieces and balls in orthographic view, and the mesh's bounding box."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..checks.shown import drawn_text, plain_digits
+from .piece_mesh import piece_mesh
 
 PIXELS = 640
 VIEW = np.array([0.62, -0.70, 0.36])  # towards the eye, z up
@@ -12,7 +13,7 @@ LIGHT = np.array([-0.35, 0.55, 0.76])  # right, up, towards the eye
 
 
 def draw_levels(path, packings, up="z") -> None:
-    """Draw packings of one body, its levels of detail, side by side into a PNG.
+    """Draw a body's pieces, if it has any, and its packings, its levels of detail, side by side into a PNG.
 
     The body axis ``up``, 'x', 'y' or 'z', points up in the picture.
     """
@@ -23,20 +24,23 @@ def draw_levels(path, packings, up="z") -> None:
     middle = 0.5 * (box.min(axis=0) + box.max(axis=0))
     half = 0.53 * float(np.ptp(box[:, :2], axis=0).max())
     sizes = np.log(np.concatenate([packing.radii for packing in packings]))
-    figure = Figure(figsize=(3.6 * len(packings), 4.4))
+    shapes = [] if packings[0].has_only_spheres else [packings[0].pieces]
+    panels = [*shapes, *packings]
+    figure = Figure(figsize=(3.6 * len(panels), 4.4))
     figure.subplots_adjust(left=0.035, right=0.995, bottom=0.09, top=0.86, wspace=0.03)
-    for k, packing in enumerate(packings):
-        axes = figure.add_subplot(1, len(packings), k + 1)
-        centers = packing.centers @ axes_of_view.T - middle
-        image = shaded_balls(centers, packing.radii, half, (sizes.min(), sizes.max()))
-        extent = -1e3 * half, 1e3 * half, -1e3 * half, 1e3 * half
-        axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear")
+    for k, shown in enumerate(panels):
+        axes = figure.add_subplot(1, len(panels), k + 1)
+        if k < len(shapes):
+            draw_triangles(axes, [piece_mesh(piece) @ axes_of_view.T - middle for piece in shown], half)
+            axes.set_title(f"{len(shown)} piece{'s' * (len(shown) > 1)}", fontsize=10)
+        else:
+            draw_balls(axes, shown, axes_of_view, middle, half, (sizes.min(), sizes.max()))
+            count = f"{len(shown):,}".replace(",", "\u202f")
+            axes.set_title(
+                f"{count} sphere{'s' * (len(shown) > 1)}, {100.0 * shown.fill:.1f} % filled", fontsize=10
+            )
         for edge in box_edges(box - middle):
             axes.plot(*(1e3 * edge[:, :2].T), color="0.55", linewidth=0.7)
-        count = f"{len(packing):,}".replace(",", "\u202f")
-        axes.set_title(
-            f"{count} sphere{'s' * (len(packing) > 1)}, {100.0 * packing.fill:.1f} % filled", fontsize=10
-        )
         axes.set_aspect("equal")
         axes.tick_params(labelsize=7)
         axes.set_xlabel("mm", fontsize=8)
@@ -47,6 +51,38 @@ def draw_levels(path, packings, up="z") -> None:
     sides = " x ".join(plain_digits(1e3 * side) for side in np.ptp(box_corners(packings[0]), axis=0))
     figure.suptitle(f"{drawn_text(packings[0].name)}: {sides} mm", fontsize=11)
     figure.savefig(path, dpi=130, bbox_inches="tight")
+
+
+def draw_balls(axes, packing, axes_of_view, middle, half, size_range) -> None:
+    """Draw the spheres of a packing [mm]; ``half`` is half of the picture's width [m]."""
+    centers = packing.centers @ axes_of_view.T - middle
+    image = shaded_balls(centers, packing.radii, half, size_range)
+    extent = -1e3 * half, 1e3 * half, -1e3 * half, 1e3 * half
+    axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear")
+
+
+def draw_triangles(axes, parts, half) -> None:
+    """Draw parts, each of triangles (m, 3, 3) in view coordinates [m], each part in a colour of its own [mm].
+
+    Far triangles are drawn first.
+    """
+    from matplotlib import colormaps
+    from matplotlib.collections import PolyCollection
+
+    triangles = np.concatenate(parts)
+    part = np.repeat(np.arange(len(parts)), [len(some) for some in parts])
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    colors = colormaps["tab20"](part % 20)[:, :3] if len(parts) > 1 else np.full((len(part), 3), 0.7)
+    shade = 0.45 + 0.55 * np.maximum(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0)
+    seen = np.flatnonzero(normals[:, 2] > 0.0)
+    order = seen[np.argsort(triangles[seen, :, 2].mean(axis=1), kind="stable")]
+    fill = shade[order, None] * colors[order]
+    axes.add_collection(
+        PolyCollection(list(1e3 * triangles[order, :, :2]), facecolors=fill, edgecolors=fill, linewidths=0.3)
+    )
+    axes.set_xlim(-1e3 * half, 1e3 * half)
+    axes.set_ylim(-1e3 * half, 1e3 * half)
 
 
 def view_axes(up):

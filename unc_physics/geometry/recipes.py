@@ -9,7 +9,7 @@ from pathlib import Path
 from ..checks.errors import InvalidMeshError, UnknownModelError
 from . import shapes
 from .household import HOUSEHOLD, household_pieces
-from .mesh_pieces import PIECES
+from .mesh_pieces import PIECES, measured_pieces
 from .solid_mesh import SolidMesh, load_solid, make_solid
 
 STANFORD = (
@@ -78,5 +78,5 @@ def recipe_solid(name, meshes=None) -> tuple[SolidMesh, dict]:
     mass = recipe.mass if recipe.mass is not None else recipe.density * solid.volume
     about = {"mass": float(f"{mass:.3g}"), "source": source, "licence": licence}
     if name in HOUSEHOLD:
-        about["pieces"] = household_pieces(name, solid.origin)
+        about |= measured_pieces(household_pieces(name, solid.origin), "recipe", solid).entries
     return solid, about

@@ -28,7 +28,7 @@ from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
 from .evidence import MOST_FLIGHT_TURN, Evidence, kinetic_moments, spread_floors
-from .notes import few_spheres
+from .notes import few_spheres, hull_of_mesh
 from .rare_outcomes import MATTER
 from .step_motion import MOST_TRAVEL, MOST_TURN
 
@@ -138,7 +138,7 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
         unit = rule.unit and f" {rule.unit}"
         reasons.append(f"{words} ({key} {value:.3g}{unit} above {rule.limit:.3g}{unit})")
     spheres = None if extent_loss.__name__ in keys else few_spheres(scene, body)
-    notes = () if spheres is None else (spheres,)
+    notes = tuple(note for note in (spheres, hull_of_mesh(scene, body)) if note is not None)
     return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons), notes)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..geometry.packing_file import EXTENT_LOSS, SINK
+from ..geometry.packing_file import EXTENT_LOSS, HULL, SINK
 from ..scene.environment import Capsule, Cylinder, Sphere
 from ..scene.scene import Scene
 
@@ -32,6 +32,14 @@ def few_spheres(scene: Scene, body: int) -> str | None:
     return (
         f"has {count} spheres, between which a ball of 10 mm radius sinks by up to {depth}{bumps}; {_ENOUGH}"
     )
+
+
+def hull_of_mesh(scene: Scene, body: int) -> str | None:
+    """Return how far a body, by its index, is from its mesh if its piece is only the hull; else None."""
+    model = scene.bodies[body].model
+    if model.pieces_kind != HULL or model.pieces_error is None:
+        return None
+    return f"has the convex hull of its mesh as its piece, up to {1e3 * model.pieces_error.max():.1f} mm off"
 
 
 def _has_small_parts(scene, body):

@@ -14,6 +14,8 @@ import tempfile
 import threading
 from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +37,7 @@ from ..checks.errors import (
 )
 from ..checks.shown import printable
 from ..geometry.library import list_models
-from ..geometry.packing_file import SpherePacking, load_packing, save_packing
+from ..geometry.packing_file import HULL, SpherePacking, load_packing, save_packing
 from ..geometry.primitive_models import SPHERES, ball
 from ..geometry.primitives import cone, primitive, prism
 from ..scene.body import shape_of
@@ -49,6 +51,8 @@ from .services import LATCHED, BackgroundService
 PACKING_TIMEOUT = 60.0
 #: Largest number of triangles of a mesh.
 MAX_TRIANGLES = 200_000
+#: Time for cutting a mesh into convex pieces in the background [s]; afterwards it keeps its hull.
+CUTTING_TIMEOUT = 60.0
 _CACHED_SHAPES = 256
 _SCALES = 1e-6, 1e6
 _DEFAULT_MODEL_SPHERES = 1000
@@ -160,16 +164,25 @@ class ModelLibrary:
 
 
 class ShapePacker:
-    """Packer of shapes in a separate thread, with a cache by the hash of the shape."""
+    """Packer of shapes in a separate thread, with a cache by the hash of the shape.
+
+    A mesh that is neither convex nor a simple shape has its hull as its piece at first. Another thread cuts
+    it into convex pieces if coacd is installed; afterwards the cache has the same spheres with these pieces.
+    """
 
     def __init__(self):
         self._packer = ThreadPoolExecutor(1, thread_name_prefix="packing")
+        self._cutter = ThreadPoolExecutor(1, thread_name_prefix="cutting")
+        self._stop = threading.Event()
         self._lock = threading.Lock()
         self._packings: OrderedDict[str, Future[SpherePacking]] = OrderedDict()
+        self._pieces: OrderedDict[str, dict] = OrderedDict()  # of the cutter's thread alone, by digest
 
     def close(self) -> None:
-        """Cancel waiting packings; a running one continues."""
-        self._packer.shutdown(wait=False, cancel_futures=True)
+        """Cancel waiting packings, and stop cutting; a running packing continues."""
+        self._stop.set()
+        for executor in (self._packer, self._cutter):
+            executor.shutdown(wait=False, cancel_futures=True)
 
     def of_mesh(self, message, spheres: int, field: str, wait: bool = True) -> SpherePacking:
         """Return the packing of a closed mesh.
@@ -227,7 +240,8 @@ class ShapePacker:
         with self._lock:
             if key not in self._packings:
                 name = f"mesh_{digest.hexdigest()[:12]}"
-                self._packings[key] = self._packer.submit(_pack, name, vertices, triangles, spheres)
+                shape = name, vertices, triangles
+                self._packings[key] = self._packer.submit(self._pack, key, shape, spheres)
                 while len(self._packings) > _CACHED_SHAPES:
                     self._packings.popitem(last=False)
             self._packings.move_to_end(key)
@@ -242,6 +256,36 @@ class ShapePacker:
             raise PredictionTimeoutError(
                 f"is still being packed after {PACKING_TIMEOUT:g} s; ask again", field=field
             ) from None
+
+    def _pack(self, key, shape, spheres):
+        """Return a packing, and have its mesh cut in the background if it has only its hull."""
+        name, vertices, triangles = shape
+        packing = _pack(name, vertices, triangles, spheres)
+        if packing.pieces_kind == HULL and find_spec("coacd") is not None:
+            with contextlib.suppress(RuntimeError):  # the node is closing
+                self._cutter.submit(self._cut, key, packing, shape)
+        return packing
+
+    def _cut(self, key, packing, shape):
+        """Put a packing with convex pieces in place of one with a hull; if cutting fails, the hull stays."""
+        from ..geometry.mesh_pieces import mesh_pieces
+        from ..geometry.solid_mesh import make_solid
+
+        digest = key.partition("_")[0]
+        if digest not in self._pieces:
+            self._pieces[digest] = {}
+            with contextlib.suppress(UncPhysicsError, OSError):  # TimeoutError is an OSError
+                found = mesh_pieces(make_solid(*shape), seconds=CUTTING_TIMEOUT, threads=1, stop=self._stop)
+                self._pieces[digest] = found.entries
+            while len(self._pieces) > _CACHED_SHAPES:
+                self._pieces.popitem(last=False)
+        if self._pieces[digest]:
+            better: Future[SpherePacking] = Future()
+            better.set_result(replace(packing, **self._pieces[digest]))
+            shape_of(better.result())
+            with self._lock:
+                if key in self._packings:
+                    self._packings[key] = better
 
 
 class ModelTopics:
@@ -338,7 +382,7 @@ class ModelTopics:
             from ..geometry.packing import pack_solid
 
             # one thread: predictions have priority
-            packing = pack_solid(solid, spheres, threads=1)
+            packing = pack_solid(solid, spheres, threads=1, **_best_pieces(solid))
             handle, file = tempfile.mkstemp(suffix=".npz", dir=self._server.library.packed.name)
             os.close(handle)
             save_packing(file, packing)
@@ -374,14 +418,32 @@ def _mesh(message, size):
 def _pack(name, vertices, triangles, spheres):
     """Return the packing; also build its sphere tree in advance."""
     try:
+        from ..geometry.mesh_pieces import hull_pieces, simple_pieces
         from ..geometry.packing import pack_solid
         from ..geometry.solid_mesh import make_solid
 
-        packing = pack_solid(make_solid(name, vertices, triangles), spheres, threads=1)
+        solid = make_solid(name, vertices, triangles)
+        pieces = {}
+        if simple_pieces(solid) is None:
+            with contextlib.suppress(InvalidMeshError):  # too flat
+                pieces = hull_pieces(solid).entries
+        packing = pack_solid(solid, spheres, threads=1, **pieces)
     except ImportError as error:
         raise NotSupportedError(f"needs {error.name}, which the node lacks, to be packed") from None
     shape_of(packing)
     return packing
+
+
+def _best_pieces(solid):
+    """Return the fields of a model's pieces; those of its hull if it cannot be cut in time."""
+    from ..geometry.mesh_pieces import hull_pieces, mesh_pieces
+
+    try:
+        return mesh_pieces(solid, seconds=CUTTING_TIMEOUT, threads=1).entries
+    except (UncPhysicsError, TimeoutError):
+        with contextlib.suppress(InvalidMeshError):  # too flat
+            return hull_pieces(solid).entries
+    return {}
 
 
 def _solid(path):
@@ -407,10 +469,17 @@ def _info(library, name, path):
         return ModelInfo(name=name, status=ModelInfo.STATUS_FAILED, status_msg=str(error), path=str(path))
 
 
+def _pieces_text(packing):
+    if packing.has_only_spheres:
+        return "no pieces, only spheres: a small body can pass between them"
+    return f"{len(packing.pieces)} pieces: {packing.pieces_kind or 'of the file'}"
+
+
 def packing_info(packing: SpherePacking, name: str, path: str | Path = "") -> ModelInfo:
     """Return the message that describes a model."""
     info = ModelInfo(name=name, status=ModelInfo.STATUS_READY, path=str(path))
     info.spheres = len(packing)
+    info.status_msg = _pieces_text(packing)
     info.volume, info.fill = float(packing.volume), float(packing.fill)
     info.bounding_radius = float(packing.bounding_radius)
     radii = packing.radii[:, None]

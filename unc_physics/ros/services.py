@@ -6,6 +6,7 @@ import os
 import platform
 import time
 import traceback
+from importlib.util import find_spec
 from typing import Any
 
 import numba
@@ -220,7 +221,11 @@ class CapabilitiesService:
         response.propagators = [propagator_info(cls) for cls in PROPAGATORS.values()]
         response.default_propagator = settings.default_propagator
         response.world_frame = settings.world_frame
-        optional = {"transforms": self._server.frames.available, "tracking": settings.track}
+        optional = {
+            "transforms": self._server.frames.available,
+            "tracking": settings.track,
+            "mesh_decomposition": find_spec("coacd") is not None,
+        }
         response.features = [*_FEATURES, *(name for name, is_there in optional.items() if is_there)]
         for name in response.get_fields_and_field_types():
             if name.startswith("max_"):
