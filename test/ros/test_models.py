@@ -114,7 +114,7 @@ def test_capabilities(node, client):
             name: str(default) for name, default in options.items()
         }
         assert all(option.type and option.description for option in info.options)
-        assert set(info.integrators) <= {"explicit", "implicit"} and "explicit" in info.integrators
+        assert tuple(info.integrators) == PROPAGATORS[info.name].integrators
     assert response.default_propagator in PROPAGATORS
     assert (response.world_frame, response.max_objects) == ("world", 100)
     assert (response.max_horizon.sec, response.max_computation_time.sec) == (60, 30)
