@@ -11,12 +11,23 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from plain_scenes import BALL, FLOOR, PLATE, G, packing, state, turned
+from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtr
 from twins import states as twin
 
-from unc_physics import Belief, BoxRegion, InRegion, Plane, RigidBody, Scene, make_propagator, predict
+from unc_physics import (
+    Belief,
+    BoxRegion,
+    InRegion,
+    Plane,
+    RigidBody,
+    Scene,
+    load_model,
+    make_propagator,
+    predict,
+)
 from unc_physics.prediction.status import assess
 from unc_physics.propagators.base import Samples
 
@@ -308,6 +319,45 @@ def test_variances_of_many_scales_are_kept(physics, method):
     tolerance = SECOND_ORDER + SAMPLING * getattr(method, "random_moments", False)
     for (_, covariance), more in zip(moments(found, mean, 0.3), (0.0, SAMPLING), strict=True):
         np.testing.assert_allclose(np.sqrt(covariance.diagonal()), expected, rtol=tolerance + more)
+
+
+def tumbled(inertia, error, time):
+    """Rotation and angular velocity (world axes) of a free body after a time, by Euler's equations."""
+    inverse = np.linalg.inv(inertia)
+
+    def rates(_, y):
+        w = y[4:]
+        turning = 0.5 * np.append(y[3] * w + np.cross(y[:3], w), -y[:3] @ w)
+        return np.append(turning, inverse @ np.cross(inertia @ w, w))
+
+    start = Rotation.from_rotvec(error[:3])
+    y = np.append(start.as_quat(), start.inv().apply(error[3:]))
+    y = solve_ivp(rates, (0.0, time), y, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    end = Rotation.from_quat(y[:4])
+    return end, end.apply(y[4:])
+
+
+@pytest.mark.parametrize("spin", [(3.0, 2.0, 10.0), (0.5, 0.0, 30.0), (0.5, 0.3, 70.0)])
+@pytest.mark.parametrize("name", ["linearization", *PER_BODY])
+def test_spreads_of_a_tumbling_body_follow_eulers_equations(name, spin):
+    """For a second at 240 steps, in which the body turns by up to 11 times."""
+    model = load_model("salt_box")
+    scene = Scene([RigidBody("a", model, 0.5)], dt=1 / 240, gyroscopic=True)
+    mean = state((0.0, 0.0, 0.0))[None]
+    mean[0, 10:] = spin
+    root = np.diag(np.repeat([1e-3, 1e-2], 3))  # rad, rad/s
+    P0 = np.zeros((12, 12))
+    P0[6:, 6:] = root**2
+    columns = []
+    for k in range(6):
+        (one, w), (two, v) = (
+            tumbled(model.inertia, np.append(np.zeros(3), spin) + sign * 0.1 * root[k], 1.0)
+            for sign in (1.0, -1.0)
+        )
+        columns.append(np.append((two.inv() * one).as_rotvec(), w - v) / 0.2)
+    found = predict(scene, Belief(mean, P0[None]), make_propagator(name), 1.0).belief.blocks[0, 6:, 6:]
+    expected = np.linalg.norm(columns, axis=0)
+    np.testing.assert_allclose(np.sqrt(found.diagonal()), expected, rtol=0.04)
 
 
 def test_an_answer_without_limits_of_time_has_as_many_rollouts_as_no_flag_asks_for():

@@ -8,9 +8,11 @@ for each would cost more than the arithmetic.
 import math
 
 from ..compiler import inner
-from ..spatial.layout import EP, ER, EV, EW, W
-from ..spatial.rotation import cross, rotate, rotate_back
+from ..spatial.layout import EP, ER, EV, EW, Q, W
+from ..spatial.rotation import cross, exp, multiply, renormalized, rotate, rotate_back, write_matrix
+from ..spatial.vectors import minus
 from .drift_derivative_simd import four_columns, two_columns
+from .free_motion import ROUNDS, turns_of
 
 
 @inner(forceinline=True)
@@ -54,28 +56,65 @@ def write_exact_rotation(R, x, i, dt, out):
 
 
 @inner
-def apply_gyroscopic_jacobian(rows, first, x, i, R, world):
-    """Add the first-order effect of the gyroscopic term on errors to one body's 12 rows.
+def apply_gyroscopic_jacobian(rows, first, x, i, R, world, rotation):
+    """Multiply the rows of rotation and angular velocity by the derivative of `integrate_gyroscopic`.
 
-    With ``L = I omega``, ``domega/dt = I^-1 (L x omega)``. A rotation error t in world axes rotates I and its
-    inverse.
+    The angular momentum L is conserved, so that errors (t, dL) with the rotation error t in body axes follow
+    ``dt/dt = A t + I^-1 R^T dL``, ``A t = t x w - I^-1 (t x R^T L)``, with w in body axes. Each substep takes
+    the midpoint rule with A at its middle. ``rotation`` (3, 3) becomes zero: nothing is left for it to do.
     """
-    dt, inertia, inverse, R_i = world.dt, world.bodies.inertia[i], world.bodies.inverse_inertia[i], R[i]
+    inertia, inverse, R_i = world.bodies.inertia[i], world.bodies.inverse_inertia[i], R[i]
+    start = q = (x[i, Q], x[i, Q + 1], x[i, Q + 2], x[i, Q + 3])
     omega = (x[i, W], x[i, W + 1], x[i, W + 2])
     L = _in_world(R_i, inertia, omega)
-    torque = cross(L, omega)
-    rate = _in_world(R_i, inverse, torque)
-    for c in range(rows.shape[1]):
-        dw = (rows[first + EW, c], rows[first + EW + 1, c], rows[first + EW + 2, c])
+    for c in range(rows.shape[1]):  # dL in place of dw
         t = rotate(R_i, rows[first + ER, c], rows[first + ER + 1, c], rows[first + ER + 2, c])
-        a, b, d = cross(t, omega), cross(t, L), cross(t, torque)
-        dL = _in_world(R_i, inertia, (dw[0] - a[0], dw[1] - a[1], dw[2] - a[2]))
-        dL = (dL[0] + b[0], dL[1] + b[1], dL[2] + b[2])
-        a, b = cross(dL, omega), cross(L, dw)
-        a = _in_world(R_i, inverse, (a[0] + b[0] - d[0], a[1] + b[1] - d[1], a[2] + b[2] - d[2]))
-        b = cross(t, rate)
+        dw = (rows[first + EW, c], rows[first + EW + 1, c], rows[first + EW + 2, c])
+        a, b = _in_world(R_i, inertia, minus(dw, cross(t, omega))), cross(t, L)
         for k in range(3):
-            rows[first + EW + k, c] += dt * (a[k] + b[k])
+            rows[first + EW + k, c] = a[k] + b[k]
+    count = turns_of(world.dt, omega)
+    dt = world.dt / count
+    for _ in range(count):
+        for _ in range(ROUNDS):
+            half = exp(0.5 * dt * omega[0], 0.5 * dt * omega[1], 0.5 * dt * omega[2])
+            write_matrix(multiply(half, q), R, i)
+            omega = _in_world(R_i, inverse, L)
+        momentum, w = rotate_back(R_i, L[0], L[1], L[2]), rotate_back(R_i, omega[0], omega[1], omega[2])
+        h = 0.5 * dt
+        a = _rate((h, 0.0, 0.0), inverse, w, momentum)
+        b = _rate((0.0, h, 0.0), inverse, w, momentum)
+        d = _rate((0.0, 0.0, h), inverse, w, momentum)
+        # columns of 1 - dt A / 2, and rows of its inverse
+        a, b, d = (1.0 - a[0], -a[1], -a[2]), (-b[0], 1.0 - b[1], -b[2]), (-d[0], -d[1], 1.0 - d[2])
+        u, v, z = cross(b, d), cross(d, a), cross(a, b)
+        scale = 1.0 / (a[0] * u[0] + a[1] * u[1] + a[2] * u[2])
+        for c in range(rows.shape[1]):
+            t = (rows[first + ER, c], rows[first + ER + 1, c], rows[first + ER + 2, c])
+            m = rotate_back(R_i, rows[first + EW, c], rows[first + EW + 1, c], rows[first + EW + 2, c])
+            m, r = rotate(inverse, m[0], m[1], m[2]), _rate(t, inverse, w, momentum)
+            m = (t[0] + h * r[0] + dt * m[0], t[1] + h * r[1] + dt * m[1], t[2] + h * r[2] + dt * m[2])
+            rows[first + ER, c] = scale * (u[0] * m[0] + u[1] * m[1] + u[2] * m[2])
+            rows[first + ER + 1, c] = scale * (v[0] * m[0] + v[1] * m[1] + v[2] * m[2])
+            rows[first + ER + 2, c] = scale * (z[0] * m[0] + z[1] * m[1] + z[2] * m[2])
+        q = renormalized(multiply(exp(dt * omega[0], dt * omega[1], dt * omega[2]), q))
+        write_matrix(q, R, i)
+        omega = _in_world(R_i, inverse, L)
+    for c in range(rows.shape[1]):  # dw again
+        t = rotate(R_i, rows[first + ER, c], rows[first + ER + 1, c], rows[first + ER + 2, c])
+        dL = (rows[first + EW, c], rows[first + EW + 1, c], rows[first + EW + 2, c])
+        a, b = _in_world(R_i, inverse, minus(dL, cross(t, L))), cross(t, omega)
+        for k in range(3):
+            rows[first + EW + k, c] = a[k] + b[k]
+    write_matrix(start, R, i)
+    rotation[:] = 0.0
+
+
+@inner(forceinline=True)
+def _rate(t, inverse, w, momentum):
+    """Return A t of `apply_gyroscopic_jacobian`, for angular velocity w and a momentum in body axes."""
+    a, b = cross(t, w), cross(t, momentum)
+    return minus(a, rotate(inverse, b[0], b[1], b[2]))
 
 
 @inner
@@ -90,11 +129,11 @@ def _in_world(R, A, v):
 def apply_drift_jacobian(rows, first, x, i, R, world, environment, rotation):
     """Multiply body i's 12 rows, from ``first`` on, by the derivative of drift and damping, in place.
 
-    ``x`` and ``R`` precede the drift; ``rotation`` (3, 3) is the block from domega to dtheta.
+    ``x`` and ``R`` precede the drift; ``rotation`` (3, 3) is the block from domega to dtheta, and may change.
     """
     if environment is not None:
         if environment.gyroscopic:
-            apply_gyroscopic_jacobian(rows, first, x, i, R, world)
+            apply_gyroscopic_jacobian(rows, first, x, i, R, world, rotation)
     apply_transition(rows, first, world.dt, world.decay, rotation)
 
 

@@ -12,6 +12,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from ..checks.errors import InvalidMeshError
 _SEED = 0
 #: Size of coacd's search for the next cut: a tenth of its time of the defaults, at about the same errors.
 _PERIOD = 0.1  # s, between looks at whether the program is to be stopped
-_SEARCH = {"mcts_iterations": 20, "mcts_nodes": 10, "resolution": 1000}
+_SEARCH: dict[str, Any] = {"mcts_iterations": 20, "mcts_nodes": 10, "resolution": 1000}
 
 
 def convex_parts(
