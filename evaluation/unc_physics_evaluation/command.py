@@ -96,7 +96,14 @@ def run(arguments: argparse.Namespace) -> int:
     jobs = [job for module in chosen for job in module.jobs(settings)]
     gaps = [gap for module in chosen if hasattr(module, "missing") for gap in module.missing(settings)]
     gaps = list(dict.fromkeys(gaps))
-    results = Results(arguments.output or ("evaluation_quick" if settings.quick else "evaluation_results"))
+    folder = Path(arguments.output or ("evaluation_quick" if settings.quick else "evaluation_results"))
+    if arguments.report and not any((folder / f"{name}.csv").is_file() for name in NAMES):
+        raise InvalidOptionError(
+            "has no rows to report on; run the same command without --report first",
+            field="--output",
+            value=str(folder),
+        )
+    results = Results(folder)
     failures = {}
     with results.locked():
         if not arguments.report:

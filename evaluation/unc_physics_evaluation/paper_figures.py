@@ -129,7 +129,11 @@ def _figure_3(arrays):
         for name, line in (("3", "-"), ("3 wide", "--")):
             P = arrays[f"{name} covariance"][body][ERR_POSITION, ERR_POSITION][:2, :2]
             outcomes.add_patch(ellipse(mean[body, :2], P, edgecolor="black", linewidth=1.6, linestyle=line))
-    outcomes.set_title("After the collision: samples, and the surrogate's ellipses (2 std)", fontsize=9)
+        outcomes.plot([], [], ".", color=shade, label=f"samples, body {body + 1}")
+    for k, line in ((make_propagator("surrogate").k_sigma, "-"), (_WIDE, "--")):
+        outcomes.plot([], [], line, color="black", label=f"surrogate (2 std), $k_\\sigma$ = {k:g}")
+    outcomes.legend(fontsize=8, loc="upper right")
+    outcomes.set_title("After the collision: samples, and the surrogate's ellipses", fontsize=9)
     scene, belief, _ = _two_balls()
     state = belief.mean[None].copy()
     while np.linalg.norm(state[0, 1, POSITION] - state[0, 0, POSITION]) >= 2.0 * _RADIUS:
@@ -221,7 +225,7 @@ def _figure_8(arrays):
         draw_body(ax, model, start, view, np.array(body_color(0)), 0.0015, 0.9, 2000)
         ax.set_xlim(*window[:2])
         ax.set_ylim(*window[2:])
-        _metres(ax)
+        _metres(ax, "xz" if view is SIDE else "xy")
     figure.suptitle("A salt box is dropped into a bin: the mean now (blue), and 30 outcomes", fontsize=10)
     return figure
 
@@ -231,9 +235,10 @@ def _sized(model, spheres):
     return f"{model}, {spheres:,}".replace(",", "\u202f").replace("\u202f ", ", ") + " spheres"
 
 
-def _metres(ax):
+def _metres(ax, axes="xy"):
     ax.set_aspect("equal")
-    ax.set_xlabel("m", fontsize=8)
+    ax.set_xlabel(f"{axes[0]} [m]", fontsize=8)
+    ax.set_ylabel(f"{axes[1]} [m]", fontsize=8)
     ax.tick_params(labelsize=8)
 
 
@@ -242,6 +247,7 @@ def draw_sweeps(path: Path, measured: Measured, section: str, quantity: str, tit
     cases = measured.cases(section)
     models, sizes = (list(dict.fromkeys(case[k] for case in cases)) for k in (0, 1))
     sizes.sort()
+    methods = sorted(measured.methods(section), key=lambda method: method[0] == MONTE_CARLO)  # samples last
     figure = new_figure(2.5 * len(sizes) + 2.2, 2.5 * len(models) + 0.5)
     axes = figure.subplots(len(models), len(sizes), squeeze=False, sharex=True, sharey="row")
     handles = {}
@@ -249,7 +255,7 @@ def draw_sweeps(path: Path, measured: Measured, section: str, quantity: str, tit
         for ax, spheres in zip(line, sizes, strict=True):
             own = [case for case in cases if case[:2] == (model, spheres)]
             sigmas = [case[2] for case in own]
-            for method in measured.methods(section):
+            for method in methods:
                 values = [measured.values(section, case, method, quantity) for case in own]
                 if not all(map(len, values)):
                     continue
@@ -317,4 +323,5 @@ def draw_constant(path: Path, measured: Measured, methods: Mapping[float, str]) 
         axes[0, 0].plot([], [], color=shade, label=f"sigma {sigma} m")
     axes[0, 0].plot([], [], "k-o", markersize=3, label="geometric mean")
     axes[0, 0].legend(fontsize=7)
+    figure.suptitle("A thin line for each number of spheres, sigma and encounter", fontsize=9)
     save(figure, path)

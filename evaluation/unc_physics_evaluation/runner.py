@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
@@ -18,6 +19,7 @@ from .provenance import machine, threads, versions
 from .results import Results
 
 TICK = 1.0  # s, between looks at the progress bar's clock
+LOG_INTERVAL = 60.0  # s, between lines of progress in a log file
 
 
 def run_job(job: Job) -> tuple[Outcome, dict[str, str]]:
@@ -37,7 +39,7 @@ def run_job(job: Job) -> tuple[Outcome, dict[str, str]]:
 
 
 def run_jobs(jobs: Sequence[Job], results: Results, workers: int | None = None) -> dict[str, str]:
-    """Run the jobs without results, with a progress bar on a terminal.
+    """Run the jobs without results, with a progress bar on a terminal, or a line a minute in a log file.
 
     Parameters
     ----------
@@ -59,23 +61,27 @@ def run_jobs(jobs: Sequence[Job], results: Results, workers: int | None = None) 
     failures = {}
     if not missing:
         return failures
+    terminal = sys.stderr.isatty()
+    shown = "{elapsed} passed, {remaining} left{postfix}"
+    shown = "{desc}: {percentage:3.0f}%" + (f"|{{bar}}| {shown}" if terminal else f", {shown}\n")
     with (
         tqdm(
             total=total,
             initial=total - sum(job.cost for job in missing),
-            disable=None,
+            mininterval=TICK if terminal else LOG_INTERVAL,
+            miniters=0,
             desc="evaluate",
-            bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed} passed, {remaining} left{postfix}",
-        ) as bar,
+            bar_format=shown,
+        ) as progress,
         _executor(workers) as executor,
     ):
-        for job, outcome in _finished_jobs(executor, missing, bar.refresh):
+        for job, outcome in _finished_jobs(executor, missing, lambda: progress.update(0)):
             if isinstance(outcome, UncPhysicsError):
                 failures[f"{job.experiment} {job.key}"] = str(outcome)
             else:
                 results.add(job, *outcome)
-            bar.update(job.cost)
-            bar.set_postfix_str(f"last: {job.experiment}")
+            progress.set_postfix_str(f"last: {job.experiment}", refresh=False)
+            progress.update(job.cost)
     return failures
 
 

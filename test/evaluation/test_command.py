@@ -10,7 +10,7 @@ from unc_physics_evaluation.experiments import BY_NAME, paper
 def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
     """Interrupted at first, then finished, then asked for again."""
 
-    def interrupted(bar):
+    def interrupted(bar, n=1):
         raise KeyboardInterrupt
 
     every = paper.jobs
@@ -22,7 +22,7 @@ def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
     folder = tmp_path / "results"
     arguments = ["evaluate", "paper", "--quick", "--workers", "1", "-o", str(folder)]
     with monkeypatch.context() as patch:
-        patch.setattr("tqdm.tqdm.refresh", interrupted)
+        patch.setattr("tqdm.tqdm.update", interrupted)
         assert main(arguments) == 130
     assert capsys.readouterr().err.endswith(
         f"interrupted: what is finished is kept in {folder}; the same command goes on there\n"
@@ -53,6 +53,13 @@ def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
 def test_bad_input_is_one_sentence(arguments, code, sentence, tmp_path, capsys):
     assert main(["evaluate", *arguments, "-o", str(tmp_path)]) == code
     assert capsys.readouterr().err.startswith(f"unc_physics: {sentence}")
+
+
+def test_a_report_without_rows_is_refused(tmp_path, capsys):
+    folder = tmp_path / "mistyped"
+    assert main(["evaluate", "paper", "--report", "-o", str(folder)]) == ErrorCode.INVALID_OPTION
+    assert capsys.readouterr().err.startswith("unc_physics: --output has no rows to report on; run the same")
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize(

@@ -117,6 +117,19 @@ def test_samples_with_the_same_error(error, samples):
     assert samples_for(measured, "error", ("surrogate", None), "w1_position") == pytest.approx(samples)
 
 
+@pytest.mark.parametrize(("rotation", "agrees"), [(0.2, "yes"), (0.05, "partly")])
+def test_growth_with_sigma_is_judged_by_both_errors(rotation, agrees):
+    sampled = {f"monte_carlo:{n}": 0.1 for n in (5, 10, 50, 100)}
+    names = ("surrogate", "local_sampling", "linearization", "sigma_points points=full", "sigma_points")
+    rows = rows_of("error", **sampled, **dict.fromkeys(names, 0.1))
+    for row in rows_of("error", **sampled, **dict.fromkeys(names, 0.2)):
+        if (row["method"], row["quantity"]) == ("surrogate", "w1_rotation"):
+            row["value"] = rotation
+        rows.append({**row, "sigma": 0.1, "value": row["value"] + 0.02 * (row["samples"] or 0) ** 0.1})
+    found = {claim.claim: claim for claim in claims(Measured(Rows(rows)), [])}
+    assert found["W1 grows with sigma for all methods"].agrees == agrees
+
+
 def test_storage_that_differs_is_named():
     (claim,) = claims(Measured(Rows()), [("linearization", 170, 602), ("surrogate", 314, 314)])
     assert claim.agrees == "partly" and claim.here.startswith("linearization 170, not 602")

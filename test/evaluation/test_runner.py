@@ -2,6 +2,8 @@
 
 import pytest
 
+from unc_physics.checks.errors import UncPhysicsError
+from unc_physics_evaluation import runner
 from unc_physics_evaluation.jobs import Job, Settings
 from unc_physics_evaluation.results import Results
 from unc_physics_evaluation.runner import run_job, run_jobs
@@ -69,6 +71,26 @@ def test_a_job_that_fails_is_reported(in_a_pool):
     _, bad, failures = in_a_pool
     assert list(failures) == [f"paper {bad.key}"]
     assert "uncertain must be one of" in failures[f"paper {bad.key}"]
+
+
+def test_a_log_file_gets_lines_of_progress(tmp_path, capsys, monkeypatch):
+    """One at the start, one at each interval, and one at the end."""
+
+    def lines(interval):
+        monkeypatch.setattr(runner, "LOG_INTERVAL", interval)
+        monkeypatch.setattr(runner, "_finished_jobs", lambda executor, jobs, tick: results_of(jobs, tick))
+        run_jobs(tiny_jobs(), Results(tmp_path / str(interval)), workers=1)
+        return [line.strip() for line in capsys.readouterr().err.splitlines() if line.strip()]
+
+    def results_of(jobs, tick):
+        for job in jobs:
+            tick()
+            yield job, UncPhysicsError("left out")
+
+    often, seldom = lines(0.0), lines(3600.0)
+    assert len(seldom) == 2 and len(often) > 4
+    assert all(line.startswith("evaluate: ") and " left" in line for line in (*often, *seldom))
+    assert seldom[0].startswith("evaluate:   0%,") and seldom[1].startswith("evaluate: 100%,")
 
 
 def test_rows_name_versions_and_machine(in_a_pool):

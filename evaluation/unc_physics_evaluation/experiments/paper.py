@@ -50,6 +50,7 @@ TITLE = "The paper"
 METHODS = ("surrogate", "local_sampling", "linearization", FULL_POINTS, "sigma_points", "cloud", "auto")
 SIGMAS, FEW_SIGMAS = tuple(round(0.01 * k, 2) for k in range(1, 11)), (0.01, 0.05, 0.1)  # m
 SPHERES = (10, 100, 1000, 10_000, LARGE)
+TRUTH, QUICK_TRUTH = 1000, 200  # samples
 #: Repeated measurements of a time; few where a prediction takes long.
 ROUNDS = {10_000: 3, LARGE: 2}
 #: The columns of Table 2: uncertain velocity and its standard deviation [m/s], [rad/s], and what it spreads.
@@ -96,7 +97,7 @@ SWITCHED = (
 def jobs(settings: Settings) -> list[Job]:
     """Return the jobs of all tables and figures, and again those of added methods alone."""
     quick = settings.quick
-    truth, sigmas, sizes = (200, FEW_SIGMAS, SPHERES[:3]) if quick else (1000, SIGMAS, SPHERES)
+    truth, sigmas, sizes = (QUICK_TRUTH, FEW_SIGMAS, SPHERES[:3]) if quick else (TRUTH, SIGMAS, SPHERES)
     sized = [(model, n) for model in MODELS for n in sizes if has_packing(model, n)]
     made = []
 
@@ -258,6 +259,9 @@ def report(results: Results) -> str:
     def show(title, name, head, lines):
         parts.append(f"### {title}\n\n{table(head, write(name, head, lines))}")
 
+    errors = rows.where(section="error")
+    if errors:
+        parts.append(_scale(errors))
     if len(measured.cases("free")) == len(FREE):
         show("Table 2", "table_2", *_table_2(measured))
     storage = rows.where(section="storage")
@@ -274,6 +278,16 @@ def report(results: Results) -> str:
     for figure in _figures(results, rows, measured):
         parts.append(f"![{figure.stem.replace('_', ' ')}](figures/{figure.name})\n")
     return "\n".join(parts)
+
+
+def _scale(errors):
+    """Return a line with the numbers of samples, sigmas and spheres of a run."""
+    truths, sigmas, spheres = (sorted(errors.unique(name)) for name in ("truth", "sigma", "spheres"))
+    lists = [", ".join(map(str, found)) for found in (truths, sigmas, spheres)]
+    return (
+        f"{'Reduced run (`--quick`)' if QUICK_TRUTH in truths else 'Run'} with truths of {lists[0]} samples,"
+        f" sigmas of {lists[1]} m, and {lists[2]} spheres.\n"
+    )
 
 
 def _figures(results, rows, measured):
