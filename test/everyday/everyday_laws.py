@@ -217,6 +217,25 @@ def two_bodies_share_one_restitution(dt):
 
 
 @law
+def balls_that_meet_off_centre_part_along_their_centres(dt):
+    """Newton along the line of centres at the moment of contact, from a quadratic equation; no friction."""
+    (ra, ma), (rb, mb), e = (0.05, 0.3), (0.03, 0.2), 0.7
+    a, b, va, vb = (
+        np.array(part, float) for part in ((-0.15, 0, 0), (0.05, 0.03, 0), (1, 0, 0), (-0.5, 0.1, 0))
+    )
+    d, v = b - a, vb - va
+    root = math.sqrt((d @ v) ** 2 - v @ v * (d @ d - (ra + rb) ** 2))
+    normal = d + v * ((-(d @ v) - root) / (v @ v))
+    normal /= np.linalg.norm(normal)
+    impulse = (1 + e) * (va - vb) @ normal / (1 / ma + 1 / mb) * normal
+    balls = solid_ball("a", ra, ma), solid_ball("b", rb, mb)
+    scene = world(*balls, dt=dt, gravity=None, friction=0.0, restitution=e, environment=())
+    x = run(scene, [state(a, va), state(b, vb)], 0.2)
+    yield "first: error of velocity [m/s]", 0, np.abs(x[0, 3:6] - va + impulse / ma).max(), 0.01
+    yield "second: error of velocity [m/s]", 0, np.abs(x[1, 3:6] - vb - impulse / mb).max(), 0.01
+
+
+@law
 def a_cradle_passes_the_impact_on(dt):
     """Newton's cradle: 0 0 0 0 1, with any gap."""
     r = 0.02

@@ -57,6 +57,24 @@ def test_contacts_between_bodies_keep_momentum(dt, e):
     y = run(scene, x, 0.6)
     assert (np.linalg.norm(y[:, 3:6] - x[:, 3:6], axis=1) > 0.1).all(), "they must have met"
     np.testing.assert_allclose(momenta(scene, y)[0], momenta(scene, x)[0], rtol=0, atol=1e-12)
+
+
+@at_steps
+@pytest.mark.parametrize("e", [0.0, 0.7])
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+def test_balls_that_meet_off_centre_keep_angular_momentum(dt, e, mu):
+    """Their normal is that of the impact: the start of the step has it up to 0.3 rad off."""
+    scene = world(
+        BALL, solid_ball("big", 0.05, 0.3), dt=dt, gravity=None, environment=(), restitution=e, friction=mu
+    )
+    x = np.array(
+        [state((0.05, 0.03, 0), (-0.5, 0.1, 0), (3, -2, 5)), state((-0.15, 0, 0), (1, 0, 0), (-1, 4, 2))]
+    )
+    y = run(scene, x, 0.2)
+    assert (np.linalg.norm(y[:, 3:6] - x[:, 3:6], axis=1) > 0.1).all(), "they must have met"
+    (p, L), (q, M) = momenta(scene, x), momenta(scene, y)
+    np.testing.assert_allclose(q, p, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(M, L, rtol=0, atol=2e-3 * np.linalg.norm(L))
     assert energy(scene, y) < energy(scene, x)
 
 

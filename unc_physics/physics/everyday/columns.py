@@ -70,7 +70,7 @@ IMPULSE = 98  # of the whole step, world axes
 SAVED = 101  # normal and tangents while an impact's error turns them
 SURFACE_A, SURFACE_B = 110, 111  # numbers of materials: a body's, or B + e of element e
 STRUCK = 112  # impacts in this step
-POINTED, EDGE = 113, 114  # 1 between corners or edges that pass each other, whose direction is EDGE, if any
+POINTED, EDGE = 113, 114  # 1 between corners or edges; direction of the edge, if any, at the search: b's at 2
 COLS = 117
 
 # ---- contacts that are remembered between steps, and that callers read

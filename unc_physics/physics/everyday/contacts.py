@@ -142,16 +142,22 @@ def _on_rim(Y, solids, i, p, n, q):
     return dot(d, d) < ON_RIM * ON_RIM and dot(c, along) > SLOP
 
 
+@inner
+def _tangents(n):
+    """Return two tangents that only depend on the normal n."""
+    t1 = unit(cross(n, (0.0, 1.0, 0.0) if abs(n[1]) < 0.7 else (1.0, 0.0, 0.0)))
+    return t1, cross(n, t1)
+
+
 @inner(noinline=True, error_model="numpy")
 def _complete(C, n, Y, solids, surface, materials):
     """Fill what follows from a row's normal, gap, levers, pieces: tangents, materials, velocity of a belt."""
     a = int(C[n, BODY_A])
     pa, pb = int(C[n, PIECE_A]), int(C[n, PIECE_B])
     normal = three(C, n, NORMAL)
-    other = (0.0, 1.0, 0.0) if abs(normal[1]) < 0.7 else (1.0, 0.0, 0.0)
-    t1 = unit(cross(normal, other))
+    t1, t2 = _tangents(normal)
     write(C, n, TAN1, t1)
-    write(C, n, TAN2, cross(normal, t1))
+    write(C, n, TAN2, t2)
     C[n, RHO_A], C[n, RHO_B] = solids.pieces[pa, ROUNDING], solids.pieces[pb, ROUNDING]
     C[n, LATHE_A], C[n, LATHE_B] = solids.spots[pa, ON_AXIS], solids.spots[pb, ON_AXIS]
     sa, sb = int(solids.spots[pa, SURFACE_OF]), int(solids.spots[pb, SURFACE_OF])
@@ -166,7 +172,7 @@ def _complete(C, n, Y, solids, surface, materials):
         arm = plus(three(C, n, LEVER_A), times(C[n, RHO_A], normal))
         point = plus(three(Y, a, CENTRE), arm)
         v = plus(three(surface, e, 0), cross(three(surface, e, 3), point))
-    write(C, n, BELT_U, (0.0, dot(v, t1), dot(v, three(C, n, TAN2))))
+    write(C, n, BELT_U, (0.0, dot(v, t1), dot(v, t2)))
     C[n, MODE] = 0.0
     write(C, n, IMPULSE, (0.0, 0.0, 0.0))
     C[n, MOMENT] = 0.0
@@ -212,12 +218,21 @@ def _point_to_point(C, n, ra, rb, Y, solids):
     qb = minus(plus(three(Y, b, CENTRE), rb), three(Y, b, FRAME))
     count_a, edge_a = _feature(Y, solids, a, int(C[n, PIECE_A]), qa)
     count_b, edge_b = _feature(Y, solids, b, int(C[n, PIECE_B]), qb)
-    C[n, POINTED] = 1.0 if count_a >= 2 and count_b >= 2 else 0.0
+    if count_a >= 2 and count_b >= 2:
+        C[n, POINTED] = 2.0 if count_a > 2 and count_b == 2 else 1.0
     write(C, n, EDGE, edge_a if count_a == 2 else edge_b)
     if count_a == 2 and count_b == 2:
         across = cross(edge_a, edge_b)
         if dot(across, across) > FEATURE:
             C[n, POINTED] = 0.0  # edges that cross do not pass each other
+
+
+@inner
+def _given_along(C, k, at, n):
+    """Return what columns ``at`` on give along normal and tangents of row k, with the tangents that n has."""
+    t1, t2 = _tangents(n)
+    across = plus(times(C[k, at + 1], three(C, k, TAN1)), times(C[k, at + 2], three(C, k, TAN2)))
+    return C[k, at], dot(across, t1), dot(across, t2)
 
 
 @inner(noinline=True)
@@ -252,14 +267,7 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
         if dot(d, d) < best and old[j, MODE] == 0.0 and dot(three(old, j, NORMAL), normal) >= _ALIKE:
             best, which = dot(d, d), j
     if which >= 0:
-        other = (0.0, 1.0, 0.0) if abs(normal[1]) < 0.7 else (1.0, 0.0, 0.0)
-        t1 = unit(cross(normal, other))
-        t2 = cross(normal, t1)
-        across = plus(
-            times(old[which, WARM + 1], three(old, which, TAN1)),
-            times(old[which, WARM + 2], three(old, which, TAN2)),
-        )
-        write(C, n, WARM, (old[which, WARM], dot(across, t1), dot(across, t2)))
+        write(C, n, WARM, _given_along(old, which, WARM, normal))
         C[n, WARM_MOMENT] = old[which, WARM_MOMENT]
         old[which, MODE] = 1.0  # used
 
@@ -429,15 +437,46 @@ def levers(C, k, Y, t):
 
 
 @inner
+def _points(C, k, Y, ra, rb, ended):
+    """Return what to add to levers of corners or edges, the way from a's point to b's, and EDGE now.
+
+    The nearest point of an edge travels along it. Where driven bodies have ``ended`` the step, they are where
+    it ends.
+    """
+    a, b, none = int(C[k, BODY_A]), int(C[k, BODY_B]), (0.0, 0.0, 0.0)
+    d = minus(plus(three(Y, b, CENTRE), rb), plus(three(Y, a, CENTRE), ra))
+    if Y[a, DRIVEN] > 0.0 and not ended:
+        d = minus(d, three(Y, a, MOVED))
+    of_b = C[k, POINTED] == 2.0
+    e = turned(three(C, k, EDGE), three(Y, b if of_b else a, TURNED))
+    along = times(dot(d, e), e)
+    d = minus(d, along)
+    return none if of_b else along, times(-1.0, along) if of_b else none, d, e
+
+
+@inner
+def _aim(C, k, d):
+    """Turn normal and tangents along d, from a's core to b's; return whether it is long enough to tell."""
+    if dot(d, d) <= SLOP * SLOP:
+        return False
+    n = unit(d)
+    write(C, k, WARM, _given_along(C, k, WARM, n))
+    write(C, k, BELT_U, _given_along(C, k, BELT_U, n))
+    t1, t2 = _tangents(n)
+    write(C, k, NORMAL, n)
+    write(C, k, TAN1, t1)
+    write(C, k, TAN2, t2)
+    return True
+
+
+@inner
 def _passing(C, k, d, u, h):
     """Return the gap of corners or edges that pass each other: along the normal for the next h, and now.
 
     Their points are ``d`` apart and part at the velocity u. Where they come nearest within h without touching
     the gap is one that nothing closes.
     """
-    e, n, swept = three(C, k, EDGE), three(C, k, NORMAL), C[k, RHO_A] + C[k, RHO_B]
-    d, u = minus(d, times(dot(d, e), e)), minus(u, times(dot(u, e), e))
-    square = dot(u, u)
+    n, swept, square = three(C, k, NORMAL), C[k, RHO_A] + C[k, RHO_B], dot(u, u)
     now, soonest = math.sqrt(dot(d, d)) - swept, h
     if square > 0.0:
         soonest = -dot(d, u) / square
@@ -449,20 +488,27 @@ def _passing(C, k, d, u, h):
 
 
 @inner
+def _parting(C, k, Y, ra, rb):
+    """Return the velocity of b's core relative to a's."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    u = plus(three(Y, b, VEL), cross(three(Y, b, SPIN), rb))
+    return minus(u, plus(three(Y, a, VEL), cross(three(Y, a, SPIN), ra)))
+
+
+@inner
 def approach(C, k, Y, h):
     """Fill the gap as it looks for the next h; return the normal speed of b relative to a, and the gap."""
-    a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
     ra, rb, d = levers(C, k, Y, 0.0)
     now = C[k, GAP0] + d
     C[k, GAP] = now
-    u = plus(three(Y, b, VEL), cross(three(Y, b, SPIN), minus(rb, times(C[k, RHO_B], n))))
-    u = minus(u, plus(three(Y, a, VEL), cross(three(Y, a, SPIN), plus(ra, times(C[k, RHO_A], n)))))
     if C[k, POINTED] > 0.0:
-        apart = minus(plus(three(Y, b, CENTRE), rb), plus(three(Y, a, CENTRE), ra))
-        if Y[a, DRIVEN] > 0.0:
-            apart = minus(apart, three(Y, a, MOVED))
-        C[k, GAP], now = _passing(C, k, apart, u, h)
-    return dot(n, u) - C[k, BELT_U], now
+        sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
+        _aim(C, k, apart)
+        u = _parting(C, k, Y, plus(ra, sa), plus(rb, sb))
+        C[k, GAP], now = _passing(C, k, apart, minus(u, times(dot(u, e), e)), h)
+    else:
+        u = _parting(C, k, Y, ra, rb)
+    return dot(three(C, k, NORMAL), u) - C[k, BELT_U], now
 
 
 @inner
@@ -490,11 +536,23 @@ def spread(C, k, Y, t):
     """
     a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
     ra, rb, _ = levers(C, k, Y, 0.0)
-    n, more, two = three(C, k, NORMAL), (0.0, 0.0, 0.0), Y[a, IMASS] > 0.0
+    more, two, sa = (0.0, 0.0, 0.0), Y[a, IMASS] > 0.0, (0.0, 0.0, 0.0)
+    sb, bend = sa, 0.0
+    if C[k, POINTED] > 0.0:
+        sa, sb, d, e = _points(C, k, Y, ra, rb, False)
+        ra, rb = plus(ra, sa), plus(rb, sb)
+        if _aim(C, k, d):  # the normal turns on until t
+            u = _parting(C, k, Y, ra, rb)
+            u = minus(u, times(dot(u, e), e))
+            end = plus(d, times(t, u))
+            bend = dot(end, u) / (math.sqrt(dot(end, end)) + 1e-300) - dot(three(C, k, NORMAL), u)
+    n = three(C, k, NORMAL)
     ea = ra
     if t > 0.0:
         ea, eb, _ = levers(C, k, Y, t)
+        ea, eb = plus(ea, sa), plus(eb, sb)
         more = plus(cross(three(Y, b, SPIN), minus(eb, rb)), times(t, cross(three(Y, b, FREE_W), rb)))
+        more = plus(more, times(bend, n))
         if two:
             change = times(t, cross(three(Y, a, FREE_W), ra))
             more = minus(more, plus(cross(three(Y, a, SPIN), minus(ea, ra)), change))
@@ -545,8 +603,10 @@ def remember(n, C, Y, search):
         ra, rb, d = levers(C, k, Y, 0.0)
         C[k, GAP0] += d
         if C[k, POINTED] > 0.0:
-            apart = minus(plus(three(Y, b, CENTRE), rb), plus(three(Y, a, CENTRE), ra))
-            C[k, GAP0] = _passing(C, k, apart, (0.0, 0.0, 0.0), 0.0)[1]
+            _, _, apart, e = _points(C, k, Y, ra, rb, True)
+            write(C, k, EDGE, e)
+            _aim(C, k, apart)
+            C[k, GAP0] = math.sqrt(dot(apart, apart)) - C[k, RHO_A] - C[k, RHO_B]
         C[k, SINCE] += Y[a, WAY] + Y[b, WAY]
         if C[k, LATHE_A] > 0.0:
             ra = minus(ra, roll_arm(Y, a))

@@ -20,6 +20,7 @@ from .columns import (
     DIRECT_MOST,
     DIRECTS,
     DRIVEN,
+    FAR,
     GAP,
     GROUP,
     IMASS,
@@ -216,6 +217,8 @@ def _refresh(first, last, C, Y, h):
         if Y[a, IMASS] > 0.0:
             acc = minus(acc, three(Y, a, ACCEL))
         t = _meets(C, k, u, dot(acc, three(C, k, NORMAL)), h)
+        if C[k, GAP] < FAR:
+            C[k, GAP] = gap
         C[k, MODE] = WAITS if t <= h else HOLDS
         soon = min(soon, t)
         deep = deep or gap < -SLOP
