@@ -5,7 +5,9 @@ import pytest
 import trimesh
 from example_meshes import MESHES
 
+from unc_physics.geometry import surface_gap as module
 from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.geometry.sphere_grid import nearest_sphere
 from unc_physics.geometry.surface_gap import surface_gap
 from unc_physics.geometry.triangle_tree import build_triangle_tree, nearest_on_mesh
 
@@ -53,6 +55,26 @@ def test_surface_gap_is_no_less_than_at_any_point():
     points = np.einsum("pk,tkx->tpx", weights, solid.corners).reshape(-1, 3)
     distances = (np.linalg.norm(points[:, None] - spheres[:, :3], axis=2) - spheres[:, 3]).min(axis=1)
     assert distances.max() <= surface_gap(solid.corners, spheres) <= distances.max() * 1.05
+
+
+@pytest.mark.parametrize("subdivisions", [2, 4])
+def test_surface_gap_of_a_fine_ball_takes_a_few_queries_for_each_triangle(monkeypatch, subdivisions):
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions)
+    corners = np.asarray(mesh.triangles)
+    radius = np.abs((corners[:, 0] * mesh.face_normals).sum(axis=1)).min()
+    queries = []
+
+    def counted(*args):
+        queries.append(args)
+        return nearest_sphere.py_func(*args)
+
+    for name in ("bounded_gap", "copy_triangle", "distance_squared"):
+        monkeypatch.setattr(module, name, getattr(module, name).py_func)
+    monkeypatch.setattr(module, "nearest_sphere", counted)
+    gap = module.surface_gap(corners, np.array([[0.0, 0.0, 0.0, radius]]))
+    # the corners are at 1, and nothing is farther
+    assert 1.0 - radius <= gap <= (1.0 - radius) * 1.01
+    assert len(queries) <= 2 * len(corners) + 100
 
 
 def raw_cube():

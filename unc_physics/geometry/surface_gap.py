@@ -38,8 +38,8 @@ def surface_gap(corners, spheres) -> float:
 def bounded_gap(grid, spheres, corners):
     """Return an upper bound of the gap by branch and bound, or the grid's reach if a point is beyond it.
 
-    The distance to the packing changes by at most the distance along the surface. Over a triangle, it is
-    bounded by its value at the middle plus the distance to the farthest corner. Triangles that may hold more
+    The distance to one sphere is convex. Over a triangle, the distance to the packing is therefore at most
+    that of the farthest corner from the sphere that is nearest to the middle. Triangles that may hold more
     than the gap found so far are halved.
     """
     stack = np.empty((STACK, 3, 3))
@@ -53,19 +53,22 @@ def bounded_gap(grid, spheres, corners):
             t = stack[top - 1]
             for axis in range(3):
                 middle[axis] = (t[0, axis] + t[1, axis] + t[2, axis]) / 3.0
-            d, _ = nearest_sphere(grid, spheres, middle[0], middle[1], middle[2], -1)
+            d, nearest = nearest_sphere(grid, spheres, middle[0], middle[1], middle[2], -1)
             if d >= grid.reach:
                 return grid.reach
             gap = max(gap, d)
-            extent = np.sqrt(
-                max(
-                    distance_squared(t[0], middle),
-                    distance_squared(t[1], middle),
-                    distance_squared(t[2], middle),
-                )
-            )
-            if d + extent <= gap * (1.0 + ACCURACY) or top == STACK:
-                bound = max(bound, d + extent)
+            # in a cell that a sphere covers, it is not named: the distance to the middle stands for it
+            cx, cy, cz, r = middle[0], middle[1], middle[2], -d
+            if nearest >= 0:
+                cx, cy, cz = spheres[nearest, 0], spheres[nearest, 1], spheres[nearest, 2]
+                r = spheres[nearest, 3]
+            far = 0.0
+            for corner in range(3):
+                x, y, z = t[corner, 0] - cx, t[corner, 1] - cy, t[corner, 2] - cz
+                far = max(far, x * x + y * y + z * z)
+            most = np.sqrt(far) - r
+            if most <= gap * (1.0 + ACCURACY) or top == STACK:
+                bound = max(bound, most)
                 top -= 1
                 continue
             a = distance_squared(t[0], t[1])
