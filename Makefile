@@ -79,7 +79,7 @@ check-all:
 	@$(MAKE) -s --no-print-directory lint
 	@$(MAKE) -s --no-print-directory test
 	@$(VENV_PYTHON) -m pytest test -m long
-	@$(VENV_PYTHON) -m pytest test/checks test/physics test/geometry test/propagators --hypothesis-profile=thousands
+	@$(VENV_PYTHON) -m pytest test/checks test/physics test/shapes test/propagators --hypothesis-profile=thousands
 	@$(VENV_PYTHON) -m pytest test/cli/test_anything.py test/cli/test_bad_input.py test/ros/test_any_request.py \
 	    --hypothesis-profile=thousands
 	@CPP_INTERFACES=ON $(VENV_PYTHON) -m pytest -q test/packaging/test_colcon.py

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.shapes.solid_mesh import make_solid
 
 
 def joined(*meshes):

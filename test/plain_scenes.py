@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from unc_physics import Belief, Plane, Scene
 from unc_physics.dynamics import contact_history
 from unc_physics.dynamics.rollout import rollout
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.shapes.packing_file import SpherePacking
 
 G = 9.81
 FLOOR = Plane(name="floor")

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from unc_physics import Belief, Plane, PosePath, RigidBody, Scene, load_model
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.kinematic_states import with_kinematic
+from unc_physics.shapes.packing_file import SpherePacking
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics.spatial.rotation import rotation_matrix
 

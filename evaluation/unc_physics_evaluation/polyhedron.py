@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from unc_physics.geometry.packing import pack_solid
-from unc_physics.geometry.packing_file import SpherePacking
-from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.shapes.packing import pack_solid
+from unc_physics.shapes.packing_file import SpherePacking
+from unc_physics.shapes.solid_mesh import make_solid
 from unc_physics.spatial.rotation import rotation_matrix
 
 SHARP = 1e-4  # m, radius of a sharp corner

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.actions import PosePath
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.scene import IMPACT_STDS, Scene
+from unc_physics.shapes.packing_file import SpherePacking
 from unc_physics.spatial.layout import POSITION, QUATERNION, STATE
 
 FOLDER = Path(__file__).parent / "data" / "pushes"

@@ -25,12 +25,12 @@ from unc_physics.calibration.flight import fit_start, flight_gravity
 from unc_physics.calibration.motions import Motion, read_motions
 from unc_physics.calibration.objective import Recorded, recorded
 from unc_physics.checks.errors import InvalidRequestError
-from unc_physics.geometry.solid_mesh import load_solid
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.scene_file import load_scene
+from unc_physics.shapes.solid_mesh import load_solid
 
 from .polyhedron import SHARP, Polyhedron, box
 from .recorded_pushes import KINDS, recorded_pushes

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from unc_physics.calibration.motions import Motion
-from unc_physics.geometry.rounded_box import rounded_box
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.shapes.rounded_box import rounded_box
 from unc_physics.spatial.layout import POSITION, QUATERNION
 
 if TYPE_CHECKING:

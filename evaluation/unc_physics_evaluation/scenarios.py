@@ -8,13 +8,13 @@ import numpy as np
 
 from unc_physics.checks.errors import InvalidModelError, InvalidRequestError, UnknownModelError
 from unc_physics.checks.validation import non_negative
-from unc_physics.geometry.library import find_model, load_model
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Box, Plane
 from unc_physics.scene.scene import Scene
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.shapes.library import find_model, load_model
+from unc_physics.shapes.packing_file import SpherePacking
 from unc_physics.spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,

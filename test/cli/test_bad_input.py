@@ -412,7 +412,7 @@ def npy(start):
 
 
 FLOATS = b"{'descr': '<f8', 'fortran_order': False, "
-#: Those whose arrays make no model are in test/geometry/test_packing_file.py.
+#: Those whose arrays make no model are in test/shapes/test_packing_file.py.
 MODELS = {
     "empty": b"",
     "text": b"spheres",

@@ -13,9 +13,9 @@ from example_meshes import MESHES, raw
 
 from unc_physics.__main__ import main
 from unc_physics.checks.errors import ErrorCode, InvalidMeshError
-from unc_physics.geometry import packing as packing_module
-from unc_physics.geometry.packing_file import load_packing, save_packing
-from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.shapes import packing as packing_module
+from unc_physics.shapes.packing_file import load_packing, save_packing
+from unc_physics.shapes.solid_mesh import make_solid
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ import json, os, sys
 import unc_physics, unc_physics_msgs.srv
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 from rclpy.serialization import deserialize_message, serialize_message
-from unc_physics.geometry.library import list_models
+from unc_physics.shapes.library import list_models
 
 request = unc_physics_msgs.srv.Predict.Request()
 request.request.horizon.sec, request.request.propagator = 2, "ünï"

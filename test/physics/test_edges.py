@@ -22,13 +22,13 @@ from unc_physics import (
     rounded_box,
 )
 from unc_physics.collision.hull import hull_spheres, hull_volume
-from unc_physics.geometry.packing import pack_solid
-from unc_physics.geometry.primitive_models import primitive_model
-from unc_physics.geometry.primitives import primitive
-from unc_physics.geometry.solid_mesh import make_solid
 from unc_physics.scene.body import shape_of
 from unc_physics.scene.environment import Box, Plane
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.shapes.packing import pack_solid
+from unc_physics.shapes.primitive_models import primitive_model
+from unc_physics.shapes.primitives import primitive
+from unc_physics.shapes.solid_mesh import make_solid
 
 TABLE = Box((0.4, 0.6, 0.02), (-0.2, 0.0, -0.01))  # its edge is at x = 0
 STEPS = pytest.mark.parametrize("dt", [1 / 120, 1 / 240, 1 / 1000])

@@ -27,14 +27,14 @@ from scipy.spatial.transform import Rotation
 from unc_physics import Belief, RigidBody, Scene, Status, load_model, make_propagator, predict, rounded_box
 from unc_physics.dynamics import contact_history
 from unc_physics.dynamics.rollout import rollout
-from unc_physics.geometry.packing import pack_solid
-from unc_physics.geometry.primitive_models import primitive_model
-from unc_physics.geometry.primitives import primitive
-from unc_physics.geometry.solid_mesh import make_solid
 from unc_physics.prediction.status import assess
 from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.scene.environment import Box, Plane
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.shapes.packing import pack_solid
+from unc_physics.shapes.primitive_models import primitive_model
+from unc_physics.shapes.primitives import primitive
+from unc_physics.shapes.solid_mesh import make_solid
 
 
 def ring(radius, tube, count, heights=(0.0,)):

@@ -13,7 +13,6 @@ from twins.states import boxminus
 
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, load_scene, make_propagator, predict
 from unc_physics.__main__ import main
-from unc_physics.geometry.primitive_models import ball
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnostics import RULES
 from unc_physics.prediction.evidence import Evidence, initial_diagnostics
@@ -22,6 +21,7 @@ from unc_physics.prediction.status import assess, assess_all
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane
 from unc_physics.scene.scene_file import scene_from_dict
+from unc_physics.shapes.primitive_models import ball
 
 NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
 NOMINAL = ("linearization", "surrogate", "local_sampling")

@@ -1,8 +1,8 @@
 """Texts that a first user meets: flags and rankings."""
 
 from unc_physics import primitive_model
-from unc_physics.geometry import primitive_models
 from unc_physics.prediction.body_status import Status
+from unc_physics.shapes import primitive_models
 
 
 def test_flags_are_printed_by_name():

@@ -5,11 +5,11 @@ import pytest
 from plain_scenes import BALL, independent, state
 
 from unc_physics import RigidBody, Scene, make_propagator, predict
-from unc_physics.geometry.packing_file import SpherePacking
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.status import assess
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.stiffness import with_stiffness
+from unc_physics.shapes.packing_file import SpherePacking
 from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, VELOCITY
 
 NOMINAL = ("linearization", "surrogate", "local_sampling")

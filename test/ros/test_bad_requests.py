@@ -25,10 +25,10 @@ from scenes import (
 from shape_msgs.msg import Plane, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.geometry.library import find_model
 from unc_physics.ros.messages.fields import duration
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
+from unc_physics.shapes.library import find_model
 from unc_physics_msgs.msg import BoxRegion, EnvironmentElement, JointCovariance, ObjectState
 
 NAN, INF = float("nan"), float("inf")

@@ -13,8 +13,8 @@ from scenes import assert_answered, moving_object, request_of
 
 from unc_physics import PROPAGATORS
 from unc_physics.checks.errors import ErrorCode, UnknownModelError
-from unc_physics.geometry.library import find_model
 from unc_physics.ros.models import ModelLibrary
+from unc_physics.shapes.library import find_model
 from unc_physics_msgs.msg import ModelInfo, ModelList
 from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel
 

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics import load_model
 from unc_physics.checks import errors
-from unc_physics.geometry.packing_file import SINK
 from unc_physics.ros.messages import prediction
 from unc_physics.ros.messages.fields import duration, optional, read_duration, seconds
 from unc_physics.ros.messages.prediction import write_prediction, write_start
@@ -17,6 +16,7 @@ from unc_physics.ros.messages.request import RequestedOutputs
 from unc_physics.ros.messages.scene import CovarianceDefaults, read_scene
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.scene.belief import Belief
+from unc_physics.shapes.packing_file import SINK
 from unc_physics.spatial.layout import ERROR, VELOCITY
 from unc_physics.spatial.origin import error_map, moved
 from unc_physics_msgs.msg import Attachment, JointCovariance, Material, ObjectState, Physics, Scene

@@ -8,8 +8,8 @@ import pytest
 
 from unc_physics import UncPhysicsError, primitive_model
 from unc_physics.cli.schema_command import schema_text
-from unc_physics.geometry import packing, primitive_models
 from unc_physics.scene.scene_file import scene_from_dict
+from unc_physics.shapes import packing, primitive_models
 
 RADIUS = 0.02
 BALL = {

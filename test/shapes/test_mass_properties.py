@@ -8,9 +8,9 @@ from pieces_at_random import piece, turn
 from scipy.spatial import ConvexHull
 
 from unc_physics.checks.errors import InvalidModelError
-from unc_physics.geometry.rounded_box import rounded_box
 from unc_physics.shapes.mass_properties import mass_properties
 from unc_physics.shapes.pieces import HalfSpace, Hull, Lathe, ball, box, capsule, cylinder, frustum, ring
+from unc_physics.shapes.rounded_box import rounded_box
 
 ROUND_OFF = 1e-12
 

@@ -8,7 +8,7 @@ from pieces_at_random import KINDS, piece, turn
 
 from unc_physics import load_model, load_packing, primitive_model, save_packing
 from unc_physics.checks.errors import LimitExceededError, UncPhysicsError
-from unc_physics.geometry.packing_file import FORMAT_VERSION, SpherePacking
+from unc_physics.shapes.packing_file import FORMAT_VERSION, SpherePacking
 from unc_physics.shapes.piece_file import KEYS, PIECES_LIMIT, piece_entries, pieces_of_entries
 from unc_physics.shapes.pieces import HalfSpace, Hull, Lathe, ball, box, cylinder
 

@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from unc_physics import load_model
-from unc_physics.geometry import shapes as meshes
-from unc_physics.geometry.household import HOUSEHOLD
-from unc_physics.geometry.recipes import RECIPES
-from unc_physics.geometry.surface_error import distances_of_points, surface_error
+from unc_physics.shapes import household_meshes as meshes
 from unc_physics.shapes.distance import DIRECTIONS, distance_of_bodies, identity_frame
+from unc_physics.shapes.household import HOUSEHOLD
 from unc_physics.shapes.pieces import Lathe, ball, convex_outline, piece_arrays
+from unc_physics.shapes.recipes import RECIPES
 from unc_physics.shapes.revolution import convex_parts, lathe_pieces
+from unc_physics.shapes.surface_error import distances_of_points, surface_error
 
 TOLERANCE = 7e-4
 OUTSIDE, INSIDE = 5e-5, 7e-4  # agreed surface errors [m]

@@ -150,7 +150,7 @@ def run_pack(arguments: argparse.Namespace) -> int:
 
     from ..checks.errors import InvalidMeshError, InvalidOptionError
     from ..descriptions.reading import is_description
-    from ..geometry.solid_mesh import load_solid, mesh_notes
+    from ..shapes.solid_mesh import load_solid, mesh_notes
 
     _check_positive("-n", arguments.spheres)
     _check_positive("--pieces", arguments.pieces)
@@ -226,8 +226,8 @@ def run_models(arguments: argparse.Namespace) -> int:
     if arguments.make is not None:
         return _make(arguments)
     from ..checks.errors import InvalidOptionError
-    from ..geometry.library import list_models, models_dirs
-    from ..geometry.packing_file import load_packing
+    from ..shapes.library import list_models, models_dirs
+    from ..shapes.packing_file import load_packing
 
     for option in ("spheres", "meshes", "output", "threads"):
         if getattr(arguments, option) is not None:
@@ -285,8 +285,8 @@ def _aligned(rows):
 def run_show(arguments: argparse.Namespace) -> int:
     """Draw a model."""
     _require("matplotlib")
-    from ..geometry.library import load_model
-    from ..geometry.picture import draw_levels
+    from ..shapes.library import load_model
+    from ..shapes.picture import draw_levels
 
     packing = load_model(arguments.model, arguments.models)
     parts = [packing.prefix(k) for k in (10, 100, 1000, 10_000) if k < len(packing)] + [packing]
@@ -306,7 +306,7 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 def _make(arguments):
     from ..checks.errors import UnknownModelError
-    from ..geometry.recipes import RECIPES, recipe_solid
+    from ..shapes.recipes import RECIPES, recipe_solid
 
     names = arguments.make or list(RECIPES)
     _require("trimesh", "scipy", *(["manifold3d"] if "mug" in names else []))
@@ -332,7 +332,7 @@ def _make(arguments):
 def _pieces(solid, most, tolerance, threads):
     """Return the fields of a mesh's pieces, and print what they are; none where coacd is missing."""
     from ..checks.errors import InvalidMeshError, NotSupportedError
-    from ..geometry.mesh_pieces import mesh_pieces
+    from ..shapes.mesh_pieces import mesh_pieces
 
     start = time.perf_counter()
     try:
@@ -368,8 +368,8 @@ def _pack(solid, count, threads, output, **about):
     """Pack with a progress bar, write the file, and print a summary."""
     from tqdm import tqdm
 
-    from ..geometry.packing import pack_solid
-    from ..geometry.packing_file import save_packing
+    from ..shapes.packing import pack_solid
+    from ..shapes.packing_file import save_packing
 
     with tqdm(
         total=count, unit="sphere", desc=solid.name, delay=PROGRESS_AFTER, disable=None, leave=False
@@ -420,7 +420,7 @@ def _check_positive(option, value):
 def _model_output(path, name):
     """Return the path of a model file to write; the default is in the user's folder of models."""
     from ..checks.errors import InvalidOptionError, OutputError
-    from ..geometry.library import cache_dir, list_models, models_dirs
+    from ..shapes.library import cache_dir, list_models, models_dirs
 
     if path is not None:
         return check_output(path, ".npz", "--output")

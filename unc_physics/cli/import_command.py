@@ -54,7 +54,7 @@ def run_import(arguments) -> int:
     import yaml
 
     from ..descriptions.world import load_world
-    from ..geometry.packing_file import save_packing
+    from ..shapes.packing_file import save_packing
 
     output = check_output(arguments.output, ".yaml", "--output")
     world = load_world(

@@ -11,11 +11,11 @@ import numpy as np
 from ..checks.errors import InvalidMeshError, InvalidModelError, InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import instance, positive
-from ..geometry.packing import pack_solid
-from ..geometry.packing_file import SpherePacking, spheres_reach
-from ..geometry.solid_mesh import SolidMesh, make_solid
 from ..shapes.mass_properties import MassProperties
+from ..shapes.packing import pack_solid
+from ..shapes.packing_file import SpherePacking, spheres_reach
 from ..shapes.pieces import Hull, Piece
+from ..shapes.solid_mesh import SolidMesh, make_solid
 from .inertia import check_inside, check_moments, unusual_inertia
 from .parts import SOLIDS, Description, Link
 from .reading import read_description

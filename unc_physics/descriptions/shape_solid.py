@@ -8,12 +8,12 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError
 from ..checks.validation import positive
-from ..geometry.mesh_pieces import simple_pieces
-from ..geometry.primitive_models import primitive_pieces
-from ..geometry.primitives import cone, primitive
-from ..geometry.solid_mesh import make_solid, mesh_notes, read_mesh, repaired
 from ..shapes.mass_properties import MassProperties, mass_properties
+from ..shapes.mesh_pieces import simple_pieces
 from ..shapes.pieces import Hull, Lathe, Piece, frustum
+from ..shapes.primitive_models import primitive_pieces
+from ..shapes.primitives import cone, primitive
+from ..shapes.solid_mesh import make_solid, mesh_notes, read_mesh, repaired
 from .parts import Shape
 
 _PROFILE = 64  # corners of a spheroid's profile: its piece lies 0.03 % of the radius inside

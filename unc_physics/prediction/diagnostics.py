@@ -15,13 +15,13 @@ import numpy as np
 
 from ..checks.shown import printable
 from ..collision.contact_model import capacity, impact_frequency
-from ..geometry.packing_file import EXTENT_LOSS
 from ..initialization.overlap_search import OVERLAP_TOLERANCE
 from ..propagators.base import Samples
 from ..propagators.modes import contains, split
 from ..propagators.overlap_depths import overlaps
 from ..propagators.registry import names_where
 from ..scene.environment import thing_names
+from ..shapes.packing_file import EXTENT_LOSS
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, VELOCITY
 from ..spatial.moments import mean_and_errors
 from .body_status import BodyStatus, Status

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ..geometry.packing_file import EXTENT_LOSS, HULL, SINK
 from ..scene.environment import Capsule, Cylinder, Sphere
 from ..scene.scene import Scene
+from ..shapes.packing_file import EXTENT_LOSS, HULL, SINK
 
 _SMOOTH = 2e-4  # m; bumps above change how far a round body rolls
 _SMALL = 0.015  # m; bodies without a larger ball inside may sink in between spheres, as a ball of 10 mm does

@@ -15,12 +15,12 @@ import numpy as np
 
 from ..checks.validation import covariance
 from ..compiler.compile_time import CompiledKernels
-from ..geometry.packing_file import SpherePacking
 from ..propagators.registry import PROPAGATORS, make_propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.presets import PRESETS
 from ..scene.scene import Scene
+from ..shapes.packing_file import SpherePacking
 from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE
 from ..spatial.origin import at_com, at_origin, congruent, error_map, inverse_error_map, moved
 from ..spatial.rotation import multiply

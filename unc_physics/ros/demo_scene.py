@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from ..geometry.library import load_model
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
 from ..scene.environment import Box
 from ..scene.scene import Scene
+from ..shapes.library import load_model
 
 HORIZON = 0.8  # s
 PERIOD = 0.05  # s

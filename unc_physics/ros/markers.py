@@ -18,9 +18,9 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..checks.errors import NotSupportedError
-from ..geometry.packing_file import SpherePacking
 from ..plots.palette import body_color
 from ..scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
+from ..shapes.packing_file import SpherePacking
 from ..spatial.layout import POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
 from .messages.fields import duration, packed, point_message, pose_message, xyz, xyzw

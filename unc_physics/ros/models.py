@@ -36,13 +36,13 @@ from ..checks.errors import (
     UnknownModelError,
 )
 from ..checks.shown import printable
-from ..geometry.library import list_models
-from ..geometry.packing_file import HULL, SpherePacking, load_packing, save_packing
-from ..geometry.primitive_models import SPHERES, ball
-from ..geometry.primitives import cone, primitive, prism
 from ..scene.body import shape_of
 from ..scene.scene_file import load_shape
 from ..scene.stiffness import AUTO
+from ..shapes.library import list_models
+from ..shapes.packing_file import HULL, SpherePacking, load_packing, save_packing
+from ..shapes.primitive_models import SPHERES, ball
+from ..shapes.primitives import cone, primitive, prism
 from .messages.environment import read_dimensions
 from .messages.fields import point_message
 from .services import LATCHED, BackgroundService
@@ -268,8 +268,8 @@ class ShapePacker:
 
     def _cut(self, key, packing, shape):
         """Put a packing with convex pieces in place of one with a hull; if cutting fails, the hull stays."""
-        from ..geometry.mesh_pieces import mesh_pieces
-        from ..geometry.solid_mesh import make_solid
+        from ..shapes.mesh_pieces import mesh_pieces
+        from ..shapes.solid_mesh import make_solid
 
         digest = key.partition("_")[0]
         if digest not in self._pieces:
@@ -379,7 +379,7 @@ class ModelTopics:
     def _pack(self, name, path, solid, spheres):
         """Pack a mesh in the background, then publish the list of models."""
         try:
-            from ..geometry.packing import pack_solid
+            from ..shapes.packing import pack_solid
 
             # one thread: predictions have priority
             packing = pack_solid(solid, spheres, threads=1, **_best_pieces(solid))
@@ -418,9 +418,9 @@ def _mesh(message, size):
 def _pack(name, vertices, triangles, spheres):
     """Return the packing; also build its sphere tree in advance."""
     try:
-        from ..geometry.mesh_pieces import hull_pieces, simple_pieces
-        from ..geometry.packing import pack_solid
-        from ..geometry.solid_mesh import make_solid
+        from ..shapes.mesh_pieces import hull_pieces, simple_pieces
+        from ..shapes.packing import pack_solid
+        from ..shapes.solid_mesh import make_solid
 
         solid = make_solid(name, vertices, triangles)
         pieces = {}
@@ -436,7 +436,7 @@ def _pack(name, vertices, triangles, spheres):
 
 def _best_pieces(solid):
     """Return the fields of a model's pieces; those of its hull if it cannot be cut in time."""
-    from ..geometry.mesh_pieces import hull_pieces, mesh_pieces
+    from ..shapes.mesh_pieces import hull_pieces, mesh_pieces
 
     try:
         return mesh_pieces(solid, seconds=CUTTING_TIMEOUT, threads=1).entries
@@ -449,7 +449,7 @@ def _best_pieces(solid):
 def _solid(path):
     """Return the solid of a mesh; its errors become the answer to the request."""
     try:
-        from ..geometry.solid_mesh import load_solid
+        from ..shapes.solid_mesh import load_solid
 
         solid, _ = load_solid(path)
     except ImportError as error:

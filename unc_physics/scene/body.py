@@ -18,7 +18,7 @@ from ..checks.validation import array, flag, instance, non_negative, number, num
 from ..collision import sphere_tree
 from ..collision.faces import Faces, flat_faces
 from ..collision.hull import hull_spheres
-from ..geometry.packing_file import SpherePacking, check_inertia
+from ..shapes.packing_file import SpherePacking, check_inertia
 from .actions import PosePath, Wrench, six_stds
 from .materials import Surface, check_surface
 

@@ -14,8 +14,8 @@ from ..checks.errors import InvalidEnvironmentError, InvalidRequestError, LimitE
 from ..checks.names import with_named_arguments
 from ..checks.validation import FARTHEST, array, non_negative, number, point, positive, quaternion
 from ..collision import shapes
-from ..geometry.primitive_models import SIZES, primitive_pieces
 from ..shapes.pieces import HalfSpace, Piece
+from ..shapes.primitive_models import SIZES, primitive_pieces
 from ..spatial.rotation import rotation_matrix
 from .materials import Surface, check_surface
 

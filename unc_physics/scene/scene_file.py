@@ -22,9 +22,9 @@ from ..checks.errors import (
 )
 from ..checks.names import one_of
 from ..checks.validation import flag, integer, non_negative, number, positive
-from ..geometry.library import find_model
-from ..geometry.packing_file import SINK, load_packing
-from ..geometry.primitive_models import SIZES, primitive_model
+from ..shapes.library import find_model
+from ..shapes.packing_file import SINK, load_packing
+from ..shapes.primitive_models import SIZES, primitive_model
 from ..spatial.layout import ERROR
 from .action_entries import read_path, read_wrenches
 from .belief import Belief

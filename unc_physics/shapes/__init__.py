@@ -1,4 +1,4 @@
-"""Exact shapes of bodies: convex pieces, their distances, contacts and mass properties."""
+"""Shapes of bodies: convex pieces, sphere packings, meshes, and the library of models."""
 
 from __future__ import annotations
 

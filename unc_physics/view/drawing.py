@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..checks.shown import printable
-from ..geometry.primitives import primitive
 from ..plots.palette import body_color
 from ..scene.scene import Scene
+from ..shapes.primitives import primitive
 from .frames import AnimationFrames
 from .meshes import element_mesh, fitted_mesh, joined_spheres, quaternion_of
 

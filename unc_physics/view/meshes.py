@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ..checks.errors import InvalidMeshError
-from ..geometry.packing_file import SpherePacking
-from ..geometry.primitives import primitive
 from ..scene.environment import Element
+from ..shapes.packing_file import SpherePacking
+from ..shapes.primitives import primitive
 
 _PLANE = 0.01  # m, thickness of a drawn plane
 _RAYS, _HALVINGS = 4, 40  # subdivisions of an icosahedron, and steps of bisection along each of its corners
@@ -31,7 +31,7 @@ def fitted_mesh(path: str | os.PathLike[str], model: SpherePacking) -> tuple[np.
 
     Raises `InvalidMeshError` if the file is not a mesh, or its proportions differ from the model.
     """
-    from ..geometry.solid_mesh import read_mesh
+    from ..shapes.solid_mesh import read_mesh
 
     vertices, faces, _ = read_mesh(Path(path))
     if model.bounds is not None:

@@ -10,8 +10,8 @@ from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
-from unc_physics.geometry.packing import GreedyPacker, pack_solid
-from unc_physics.geometry.recipes import RECIPES, recipe_solid
+from unc_physics.shapes.packing import GreedyPacker, pack_solid
+from unc_physics.shapes.recipes import RECIPES, recipe_solid
 
 from ..comparison import CPU_TIME, WALL_TIME
 from ..jobs import Job, Outcome, Row, Settings

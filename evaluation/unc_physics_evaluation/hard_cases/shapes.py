@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unc_physics.geometry.packing_file import SpherePacking, save_packing
+from unc_physics.shapes.packing_file import SpherePacking, save_packing
 
 from . import FOLDER
 

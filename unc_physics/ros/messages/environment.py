@@ -22,11 +22,11 @@ from ...checks.errors import (
     UnknownModelError,
 )
 from ...checks.validation import array, positive, quaternion
-from ...geometry.packing_file import SpherePacking
 from ...prediction.regions import BoxRegion
 from ...scene.entries import at_field
 from ...scene.environment import Box, Cylinder, Element, Plane, Sphere, check_not_reserved, surface_tilt_std
 from ...scene.materials import Surface, check_surface
+from ...shapes.packing_file import SpherePacking
 from ...spatial.rotation import rotation_matrix
 from .fields import given_shapes, optional, packed, pose_message, twist_message, xyz, xyzw
 

@@ -24,7 +24,7 @@ from ...checks.errors import (
     UnknownFrameError,
 )
 from ...checks.validation import positive
-from ...geometry.library import load_model
+from ...shapes.library import load_model
 from ...spatial.rotation import rotation_matrix
 from .environment import read_dimensions
 from .fields import packed, xyz

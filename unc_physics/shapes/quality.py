@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..compiler import kernel
-from ..shapes.distance import even_directions
+from .distance import even_directions
 from .triangle_tree import build_triangle_tree, nearest_on_mesh
 
 #: Radius of the ball whose sink is measured [m].

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..checks.errors import InvalidMeshError, InvalidModelError, InvalidOptionError, NotSupportedError
-from ..shapes.piece_file import PIECES_LIMIT
-from ..shapes.pieces import Hull, Piece
 from .convex_parts import convex_parts
 from .packing_file import HULL
+from .piece_file import PIECES_LIMIT
+from .pieces import Hull, Piece
 from .recognition import recognized
 from .solid_mesh import SolidMesh, components
 from .surface_error import SurfaceError, surface_error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..shapes.pieces import HalfSpace, Hull, Piece
+from .pieces import HalfSpace, Hull, Piece
 from .quality import even_directions
 
 #: Corners around a whole turn of a lathe: 0.01 % of the radius is cut off.

@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..shapes.pieces import Hull, Piece, box, cylinder
-from ..shapes.revolution import lathe_pieces
+from .pieces import Hull, Piece, box, cylinder
+from .revolution import lathe_pieces
 
 #: Distance of a mesh's corners from a shape's surface, as a share of the mesh's extent.
 CORNERS = 1e-3

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..shapes.pieces import Hull, Piece, box
-from ..shapes.revolution import lathe_pieces
-from . import shapes as meshes
+from . import household_meshes as meshes
+from .pieces import Hull, Piece, box
+from .revolution import lathe_pieces
 
 #: Largest distance by which pieces stick out into what is hollow [m]; a tenth takes ten times the pieces.
 HOLLOW = 6.5e-4

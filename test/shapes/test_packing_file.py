@@ -7,8 +7,8 @@ import pytest
 
 from unc_physics import load_model
 from unc_physics.checks.errors import InvalidModelError
-from unc_physics.geometry import packing_file
-from unc_physics.geometry.packing_file import SpherePacking, load_packing, save_packing
+from unc_physics.shapes import packing_file
+from unc_physics.shapes.packing_file import SpherePacking, load_packing, save_packing
 
 ROUND_OFF = 1e-13
 

@@ -8,8 +8,8 @@ import trimesh
 from example_meshes import MESHES, ball, joined, moved, raw, turned_inside_out
 
 from unc_physics.checks.errors import InvalidMeshError
-from unc_physics.geometry.primitives import primitive
-from unc_physics.geometry.solid_mesh import load_solid, make_solid, mesh_notes, winding_number
+from unc_physics.shapes.primitives import primitive
+from unc_physics.shapes.solid_mesh import load_solid, make_solid, mesh_notes, winding_number
 
 ROUND_OFF = 1e-12
 

@@ -13,14 +13,14 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from unc_physics.geometry import library
-from unc_physics.geometry.library import load_model
-from unc_physics.geometry.packing import pack_solid
-from unc_physics.geometry.primitive_models import primitive_model
-from unc_physics.geometry.primitives import primitive
-from unc_physics.geometry.quality import extent_losses, sinks
-from unc_physics.geometry.recipes import RECIPES, recipe_solid
-from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.shapes import library
+from unc_physics.shapes.library import load_model
+from unc_physics.shapes.packing import pack_solid
+from unc_physics.shapes.primitive_models import primitive_model
+from unc_physics.shapes.primitives import primitive
+from unc_physics.shapes.quality import extent_losses, sinks
+from unc_physics.shapes.recipes import RECIPES, recipe_solid
+from unc_physics.shapes.solid_mesh import make_solid
 
 MODELS = Path(library.__file__).resolve().parents[2] / "models"
 HOUSEHOLD = [name for name, recipe in RECIPES.items() if not recipe.largest_first]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..checks.errors import InvalidMeshError, UnknownModelError
-from . import shapes
+from . import household_meshes
 from .household import HOUSEHOLD, household_pieces
 from .mesh_pieces import PIECES, measured_pieces
 from .solid_mesh import SolidMesh, load_solid, make_solid
@@ -20,7 +20,7 @@ STANFORD_TERMS = (
     "terms of the Stanford 3D Scanning Repository: free for research and for redistribution with credit "
     "to the Stanford Computer Graphics Laboratory; no commercial use without its permission"
 )
-OWN = "parametric mesh, unc_physics/geometry/shapes.py"
+OWN = "parametric mesh, unc_physics/shapes/household_meshes.py"
 OWN_TERMS = "Apache-2.0"
 STONEWARE, CLAY, POLYPROPYLENE, ABS = 2300.0, 1800.0, 900.0, 1050.0  # kg/m^3
 
@@ -40,17 +40,17 @@ class Recipe:
 
 RECIPES = {
     "armadillo": Recipe("armadillo.off", 10_000, density=ABS, scale=0.001, largest_first=True),
-    "bin": Recipe(shapes.bin, 15_000, density=POLYPROPYLENE),
-    "bottle": Recipe(shapes.bottle, 4000, mass=0.53),
-    "bowl": Recipe(shapes.bowl, 4000, density=STONEWARE),
-    "brick": Recipe(shapes.brick, 4000, density=CLAY),
+    "bin": Recipe(household_meshes.bin, 15_000, density=POLYPROPYLENE),
+    "bottle": Recipe(household_meshes.bottle, 4000, mass=0.53),
+    "bowl": Recipe(household_meshes.bowl, 4000, density=STONEWARE),
+    "brick": Recipe(household_meshes.brick, 4000, density=CLAY),
     "bunny": Recipe("bunny00.off", 10_000, density=ABS, scale=0.156, largest_first=True),
-    "can": Recipe(shapes.can, 4000, mass=0.455),
-    "mug": Recipe(shapes.mug, 4000, density=STONEWARE),
-    "pin": Recipe(shapes.pin, 10_000, mass=1.58, largest_first=True),
-    "plate": Recipe(shapes.plate, 5000, density=STONEWARE),
-    "rounded_box": Recipe(shapes.rounded_box, 4000, mass=0.37),
-    "salt_box": Recipe(shapes.salt_box, 4000, mass=0.52),
+    "can": Recipe(household_meshes.can, 4000, mass=0.455),
+    "mug": Recipe(household_meshes.mug, 4000, density=STONEWARE),
+    "pin": Recipe(household_meshes.pin, 10_000, mass=1.58, largest_first=True),
+    "plate": Recipe(household_meshes.plate, 5000, density=STONEWARE),
+    "rounded_box": Recipe(household_meshes.rounded_box, 4000, mass=0.37),
+    "salt_box": Recipe(household_meshes.salt_box, 4000, mass=0.52),
 }
 
 

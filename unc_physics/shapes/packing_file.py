@@ -16,8 +16,8 @@ import numpy as np
 
 from ..checks.errors import InvalidModelError, LimitExceededError, UncPhysicsError
 from ..checks.validation import FARTHEST, instance
-from ..shapes.piece_file import KEYS, NUMBERS_LIMIT, PIECES_LIMIT, piece_entries, pieces_of_entries
-from ..shapes.pieces import Balls, Hull, Lathe, Piece
+from .piece_file import KEYS, NUMBERS_LIMIT, PIECES_LIMIT, piece_entries, pieces_of_entries
+from .pieces import Balls, Hull, Lathe, Piece
 
 _PROPORTION = 1e12  # of an inertia and the square of its body's reach, to either side
 #: What few spheres may change: the extent of a body, and how far a ball of 10 mm sinks into it [m].

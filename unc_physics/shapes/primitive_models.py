@@ -14,10 +14,10 @@ import numpy as np
 from ..checks.errors import InvalidModelError, NotSupportedError, UncPhysicsError
 from ..checks.names import hint
 from ..checks.validation import FARTHEST, array, positive
-from ..shapes.pieces import Hull, Lathe, box, capsule, cylinder
-from ..shapes.pieces import ball as piece_ball
 from .library import cache_dir
 from .packing_file import SpherePacking, load_packing, save_packing
+from .pieces import Hull, Lathe, box, capsule, cylinder
+from .pieces import ball as piece_ball
 from .primitives import primitive
 
 #: Shapes with the names of their sizes, as in the environment.

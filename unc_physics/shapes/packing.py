@@ -22,8 +22,8 @@ import numpy as np
 from ..checks.errors import InvalidMeshError, InvalidOptionError, InvalidRequestError
 from ..checks.memory import require_memory
 from ..checks.validation import instance
-from ..shapes.distance import even_directions
 from .ascent import Space, climb_all, place, starts_around, starts_at_surface
+from .distance import even_directions
 from .mesh_pieces import simple_pieces
 from .packing_file import ROUND_OFF, SpherePacking, spheres_reach
 from .quality import extent_losses, prefix_lengths, sinks

@@ -1,3 +1,3 @@
-"""Fixtures of the tests of geometry."""
+"""Fixtures of the tests of shapes."""
 
 from example_meshes import any_solid  # noqa: F401

@@ -10,9 +10,9 @@ from scipy.optimize import brentq
 from test_distance import brute_distances
 
 from unc_physics.checks.errors import InvalidOptionError, InvalidRequestError
-from unc_physics.geometry.packing import pack_solid
-from unc_physics.geometry.quality import extent_losses
-from unc_physics.geometry.solid_mesh import make_solid, winding_number
+from unc_physics.shapes.packing import pack_solid
+from unc_physics.shapes.quality import extent_losses
+from unc_physics.shapes.solid_mesh import make_solid, winding_number
 
 TOUCH = 1e-12  # of the bounding radius: what overlap and protrusion may come to
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from ..compiler import kernel
 from ..compiler.arrays import empty
-from ..shapes.distance import DIRECTIONS, STARTS, identity_frame, least_gap
-from ..shapes.pieces import Hull, Piece, piece_arrays
+from .distance import DIRECTIONS, STARTS, identity_frame, least_gap
 from .piece_mesh import piece_mesh
+from .pieces import Hull, Piece, piece_arrays
 from .triangle_tree import LEAF_SIZE, build_triangle_tree, nearest_on_mesh
 
 _POINT = 1e-12  # radius of a ball that stands for a point [m]

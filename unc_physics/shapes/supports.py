@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..shapes.distance import even_directions
+from .distance import even_directions
 from .solid_mesh import winding_number
 from .triangle_tree import nearest_on_mesh
 

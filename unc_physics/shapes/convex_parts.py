@@ -1,6 +1,6 @@
 """Program that cuts a closed mesh into nearly convex parts with the library coacd.
 
-Usage: ``python -m unc_physics.geometry.convex_parts FOLDER``. It reads ``mesh.npz`` there and writes
+Usage: ``python -m unc_physics.shapes.convex_parts FOLDER``. It reads ``mesh.npz`` there and writes
 ``parts.npz``. A process of its own can be stopped, and no mesh that crashes the library ends ours.
 """
 

@@ -6,13 +6,13 @@ import trimesh
 from example_meshes import MESHES
 
 from unc_physics.checks.errors import InvalidMeshError, InvalidOptionError, NotSupportedError
-from unc_physics.geometry import mesh_pieces as module
-from unc_physics.geometry.mesh_pieces import hull_piece, hull_pieces, mesh_pieces, simple_pieces
-from unc_physics.geometry.packing import pack_solid
-from unc_physics.geometry.solid_mesh import make_solid
-from unc_physics.geometry.surface_error import distances_outside, surface_error
+from unc_physics.shapes import mesh_pieces as module
 from unc_physics.shapes.mass_properties import mass_properties
+from unc_physics.shapes.mesh_pieces import hull_piece, hull_pieces, mesh_pieces, simple_pieces
+from unc_physics.shapes.packing import pack_solid
 from unc_physics.shapes.pieces import ball, box
+from unc_physics.shapes.solid_mesh import make_solid
+from unc_physics.shapes.surface_error import distances_outside, surface_error
 
 
 def solid_of(name, *meshes):
@@ -124,9 +124,9 @@ def test_a_bracket_is_two_plates():
 def test_a_bin_with_thin_walls_gets_fine_pieces():
     """The coarse cuts close the bin: finer ones are tried until the error is allowed."""
     pytest.importorskip("coacd")
-    from unc_physics.geometry import shapes
+    from unc_physics.shapes import household_meshes as meshes
 
-    found = mesh_pieces(make_solid("bin", *shapes.bin()), seconds=300.0)
+    found = mesh_pieces(make_solid("bin", *meshes.bin()), seconds=300.0)
     assert len(found.pieces) <= module.PIECES and found.error.largest < 0.02 * found.extent
 
 
@@ -141,8 +141,8 @@ def test_the_same_pieces_on_any_number_of_threads_and_no_time():
 
 def test_a_mesh_that_stops_the_cutting_program(monkeypatch):
     pytest.importorskip("coacd")
-    from unc_physics.geometry import convex_parts
+    from unc_physics.shapes import convex_parts
 
-    monkeypatch.setattr(convex_parts, "__name__", "unc_physics.geometry.no_such_program")
+    monkeypatch.setattr(convex_parts, "__name__", "unc_physics.shapes.no_such_program")
     with pytest.raises(InvalidMeshError, match="cannot be cut into convex parts: coacd ends with"):
         mesh_pieces(bracket())

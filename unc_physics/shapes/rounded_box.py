@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from ..checks.errors import InvalidModelError
 from ..checks.validation import array
-from ..shapes.pieces import box
 from .packing_file import SINK, SpherePacking
+from .pieces import box
 from .quality import PROBE
 
 _MOST = 2000  # spheres, about
@@ -25,7 +25,7 @@ def rounded_box(
     of convex bodies, ``rounded_box(...).prefix(8)`` lies, tips and rolls over its edges as the solid does.
     The others lie along the edges and faces, and carry bodies of other shapes: a ball of 10 mm sinks in by at
     most 2 mm between them, if the edges' radius is at most 5 mm and the sides at most 20 cm. Elsewhere the
-    gaps are larger: pack `shapes.rounded_box` there.
+    gaps are larger: pack `household_meshes.rounded_box` there.
 
     Parameters
     ----------

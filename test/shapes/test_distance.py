@@ -5,11 +5,11 @@ import pytest
 import trimesh
 from example_meshes import MESHES
 
-from unc_physics.geometry import surface_gap as module
-from unc_physics.geometry.solid_mesh import make_solid
-from unc_physics.geometry.sphere_grid import nearest_sphere
-from unc_physics.geometry.surface_gap import surface_gap
-from unc_physics.geometry.triangle_tree import build_triangle_tree, nearest_on_mesh
+from unc_physics.shapes import surface_gap as module
+from unc_physics.shapes.solid_mesh import make_solid
+from unc_physics.shapes.sphere_grid import nearest_sphere
+from unc_physics.shapes.surface_gap import surface_gap
+from unc_physics.shapes.triangle_tree import build_triangle_tree, nearest_on_mesh
 
 ROUND_OFF = 1e-13
 

@@ -8,11 +8,12 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from unc_physics.checks.errors import UnknownModelError
-from unc_physics.geometry import library, shapes
-from unc_physics.geometry.library import find_model, list_models, load_model, models_dirs
-from unc_physics.geometry.packing_file import save_packing
-from unc_physics.geometry.recipes import RECIPES, recipe_solid
-from unc_physics.geometry.solid_mesh import make_solid
+from unc_physics.shapes import household_meshes as meshes
+from unc_physics.shapes import library
+from unc_physics.shapes.library import find_model, list_models, load_model, models_dirs
+from unc_physics.shapes.packing_file import save_packing
+from unc_physics.shapes.recipes import RECIPES, recipe_solid
+from unc_physics.shapes.solid_mesh import make_solid
 
 MODELS = Path(library.__file__).resolve().parents[2] / "models"
 INCH = 0.0254
@@ -78,7 +79,7 @@ def test_shipped_models_are_of_the_meshes_in_the_code(name):
 
 
 def test_pin_is_a_tenpin():
-    vertices, faces = shapes.pin()
+    vertices, faces = meshes.pin()
     solid = make_solid("pin", vertices, faces)
     assert len(faces) >= 20_000
     assert np.ptp(vertices[:, 2]) == pytest.approx(15.0 * INCH)
@@ -89,7 +90,7 @@ def test_pin_is_a_tenpin():
 
 
 def test_mug_has_one_handle():
-    assert trimesh.Trimesh(*shapes.mug()).euler_number == 0
+    assert trimesh.Trimesh(*meshes.mug()).euler_number == 0
 
 
 def test_lookup(tmp_path, monkeypatch):

@@ -1,1 +1,0 @@
-"""Geometry: sphere packings of meshes, their files, and the model library."""
