@@ -1,4 +1,4 @@
-"""Linearization on the implicit step: spreads of central differences against samples and closed forms."""
+"""Linearization on steps that solve contacts: spreads of differences against samples and closed forms."""
 
 import numpy as np
 import pytest
@@ -37,6 +37,9 @@ PUSHES = [
 ]
 
 
+on_both = pytest.mark.parametrize("integrator", ["implicit", "contact"])
+
+
 def everyday(*bodies, **more):
     return Scene.everyday(list(bodies), exact=True, **{"environment": [FLOOR]} | more)
 
@@ -45,6 +48,7 @@ def ball(x=0.0, z=0.1, velocity=(1.0, 0.2, -0.5), spin=(3.0, -2.0, 5.0)):
     return state((x, 0, z), velocity, spin)
 
 
+@on_both
 @pytest.mark.parametrize(
     "bodies, x, time, more",
     [
@@ -99,9 +103,11 @@ def ball(x=0.0, z=0.1, velocity=(1.0, 0.2, -0.5), spin=(3.0, -2.0, 5.0)):
         "a block lies",
     ],
 )
-def test_spreads_of_tight_beliefs_are_those_of_samples(bodies, x, time, more):
+def test_spreads_of_tight_beliefs_are_those_of_samples(bodies, x, time, more, integrator):
     belief = independent(*x, position=5e-4, velocity=5e-3, rotation=5e-3)
-    scene = everyday(*bodies, **more)
+    scene = everyday(*bodies, integrator=integrator, **more)
+    if scene.overlap == "keep" and min(one[2] for one in x) <= 0.05:
+        pytest.skip("begins inside the floor in half of the samples")
     found = predict(scene, belief, "linearization", time)
     truth = predict(scene, belief, make_propagator("monte_carlo", samples=SAMPLES), time)
     floors = np.column_stack([np.full(len(bodies), 1e-6), np.full(len(bodies), 1e-5)])
@@ -110,9 +116,12 @@ def test_spreads_of_tight_beliefs_are_those_of_samples(bodies, x, time, more):
     assert all(status.measures["slope_change"] < 0.2 for status in assess(found, rollouts=0))
 
 
-def test_uncertain_friction_is_a_direction():
+@on_both
+def test_uncertain_friction_is_a_direction(integrator):
     """A block slides ``v^2 / (2 mu g)`` far."""
-    scene = everyday(RigidBody("box", BLOCK, 0.5, friction=0.4, friction_std=0.02), friction=0.4)
+    scene = everyday(
+        RigidBody("box", BLOCK, 0.5, friction=0.4, friction_std=0.02), friction=0.4, integrator=integrator
+    )
     belief = Belief.of(scene, {"box": BodyBelief(position=(0, 0, 0.02), linear_velocity=(1.0, 0, 0))})
     prediction = predict(scene, belief, "linearization", 0.6)
     assert len(prediction.carry.states) == 3 and not prediction.left_out
@@ -150,11 +159,12 @@ def test_an_uncertain_path_is_within_the_limits():
     assert moved.max() == pytest.approx(1e-3)
 
 
+@on_both
 @pytest.mark.parametrize("aside, changes", [(0.1, True), (0.2, False)])
-def test_other_slopes_on_the_other_side_are_flagged(aside, changes):
+def test_other_slopes_on_the_other_side_are_flagged(aside, changes, integrator):
     """Of a ball that flies past another one, and hits it where it flies nearer."""
     bodies = [RigidBody("ball", BALL, 0.3), RigidBody("post", BALL, fixed=True)]
-    scene = everyday(*bodies, gravity=None, environment=(), restitution=1.0)
+    scene = everyday(*bodies, gravity=None, environment=(), restitution=1.0, integrator=integrator)
     x = np.array([state((-0.3, aside, 0), (1, 0, 0)), state()])
     belief = Belief(x, np.diag([1e-6] * 3 + [0.0] * 9)[None], [0])
     status = assess(predict(scene, belief, "linearization", 0.8))[0]

@@ -32,12 +32,12 @@ def conserves_energy(scene, start, touched, group) -> np.ndarray:
     the explicit integrator, which stores energy in contacts and has limits of its own for its steps.
     """
     if (
-        scene.integrator != "implicit"
+        scene.integrator == "explicit"
         or scene.damping > 0.0
         or scene.acts
         or scene.draws_impacts
         or scene.uncertain
-        or scene.world.implicit.torsional
+        or any(surface.torsional_friction for surface in scene.surfaces)
     ):
         return np.zeros(len(scene.bodies), bool)
     bodies, (friction, restitution) = len(scene.bodies), scene.materials

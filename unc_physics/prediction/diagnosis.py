@@ -122,7 +122,7 @@ def _compare(prediction, found, places, rollouts, before=0):
 def may_miss(prediction: PredictionData) -> bool:
     """Return whether the few rollouts of a method with hard contacts may miss rare outcomes."""
     scene, propagator = prediction.scene, prediction.propagator
-    if scene.integrator != "implicit" or propagator.traits.mean_update == "nominal":
+    if scene.integrator == "explicit" or propagator.traits.mean_update == "nominal":
         return False
     return rollout_count(prediction.carry) < _ENOUGH and not is_certain(
         scene, prediction.initial, prediction.at()

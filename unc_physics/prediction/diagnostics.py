@@ -411,7 +411,7 @@ def slope_change(evidence):
     """Difference of the slopes of position or rotation on either side of the mean, over the slopes' mean,
     whichever is larger. Slopes along all uncertain directions are compared together, by standard deviation.
     Slopes that the accuracy of contacts makes do not count.
-    For ``linearization`` on the implicit integrator.
+    For ``linearization``, except with the explicit integrator.
     """
     return None if evidence.slope_changes is None else evidence.slope_changes.max(axis=1)
 
@@ -450,9 +450,9 @@ def extent_loss(evidence):
 )
 def density_misfit(evidence):
     """Factor by which the mean density is outside of 0.1 to 100 000 kg/m^3, which foam and metals are within.
-    With the implicit integrator.
+    Not with the explicit integrator.
     """
-    if evidence.scene.integrator != "implicit":
+    if evidence.scene.integrator == "explicit":
         return None
     densities = np.array([body.mass / body.model.volume for body in evidence.scene.bodies])
     return np.maximum(_DENSITIES[0] / densities, densities / _DENSITIES[1])
@@ -633,10 +633,10 @@ def outcomes(evidence):
     error=lambda own: own.get("mean_pose_error", 0.0),
 )
 def mean_penetration(evidence):
-    """With the implicit integrator: depth of the deepest overlap of the mean pose, over the largest standard
-    deviation of the position along any axis, limited to 0.2 to 2 mm. Overlap that is kept from the start, or
-    as deep as that of one in twenty rollouts, does not count. It raises the flag where it exceeds the limit
-    by two ``mean_pose_error``. Contacts of the explicit integrator are soft, so that bodies may overlap.
+    """Depth of the deepest overlap of the mean pose, over the largest standard deviation of the position on
+    any axis, limited to 0.2 to 2 mm. Overlap that is kept from the start, or as deep as that of one in twenty
+    rollouts, does not count. It raises the flag where it exceeds the limit by two ``mean_pose_error``. Not
+    with the explicit integrator, whose contacts are soft.
     """
     scene, start, belief = evidence.scene, evidence.start, evidence.snapshot.belief
     # the mean of a nominal method is a rollout's own pose
@@ -767,9 +767,9 @@ def penetration_share(evidence):
     in_contact=True,
 )
 def energy_loss(evidence):
-    """Energy lost, over the largest kinetic energy at the start, the first contact or the end. Only with the
-    implicit integrator, where all contacts are elastic and without friction, parameters are certain, and
-    nothing else takes energy. Falls from less than 1 mm do not count.
+    """Energy lost, over the largest kinetic energy at the start, the first contact or the end. Only
+    where all contacts are elastic and without friction, parameters are certain, and nothing else takes
+    energy. Falls from less than 1 mm do not count. Not with the explicit integrator.
     """
     scene, start, states, belief = evidence.scene, evidence.start, evidence.states, evidence.snapshot.belief
     if scene.acts or not evidence.conserving.any():
@@ -862,10 +862,10 @@ def step_rotation(evidence):
 )
 def contact_step(evidence):
     """Time step of a body in contact [s]. Beyond the limit, rolling bodies lose speed, and boxes tip over.
-    With the implicit integrator.
+    Not with the explicit integrator.
     """
     scene = evidence.scene
-    return np.full(len(scene.bodies), scene.dt) if scene.integrator == "implicit" else None
+    return np.full(len(scene.bodies), scene.dt) if scene.integrator != "explicit" else None
 
 
 @_measure(

@@ -168,7 +168,7 @@ class _Propagation:
         belief = constrain_belief(scene, given)
         self._initial = belief if scene.acts else given  # the paths of prescribed bodies replace their means
         self._points_history = None
-        if propagator.traits.mean_update == "nominal" and scene.integrator == "implicit":
+        if propagator.traits.mean_update == "nominal" and scene.integrator != "explicit":
             # one rollout has one start; uncertain actions have their own sigma points
             resolved = compute_budget.complete(points_at_start, with_certain_actions(scene), belief)
             if resolved is None:

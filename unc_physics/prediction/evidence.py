@@ -146,7 +146,7 @@ class Evidence:
         since then, as if rotations did not wrap around.
         """
         scene, blocks = self.scene, self.start.blocks
-        turn = course_of(scene.world, self.snapshot.time / scene.dt).turn
+        turn = course_of(scene, self.snapshot.time / scene.dt).turn
         found = blocks[:, ERR_ROTATION, ERR_ROTATION].copy()
         for k, body in enumerate(scene.moving):
             if not self.touches[body]:
@@ -238,7 +238,7 @@ def initial_diagnostics(prediction: PredictionData) -> InitialDiagnostics:
     samples = None
     if propagator.traits.mean_update != "nominal":
         samples = rollout_count(prediction.carry) if isinstance(propagator, Samples) else math.inf
-    if scene.integrator == "implicit":
+    if scene.integrator != "explicit":
         initial = prediction.start
     mass = np.array([body.mass if body.free else 0.0 for body in scene.bodies])
     shapes = np.array([_shape(body.model) for body in scene.bodies])

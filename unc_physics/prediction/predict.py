@@ -185,8 +185,8 @@ def _has_uncertain_flight(scene):
 def start_belief(scene: Scene, belief: Belief) -> Belief:
     """Return the belief at time 0 of a prediction with a single nominal rollout, without a prediction.
 
-    With the implicit integrator it has the moments of sigma points that are moved out of overlap, and in
-    which bodies at rest settle. With the explicit one it is the given belief.
+    It has the moments of sigma points that are moved out of overlap, and in
+    which bodies at rest settle. With the explicit integrator it is the given belief.
 
     Parameters
     ----------
@@ -206,6 +206,6 @@ def start_belief(scene: Scene, belief: Belief) -> Belief:
     instance(scene, Scene, "scene")
     instance(belief, Belief, "belief")
     belief.check_fits(scene)
-    if scene.integrator != "implicit":
+    if scene.integrator == "explicit":
         return belief
     return points_at_start(with_stiffness(scene, belief.mean), belief)[0]

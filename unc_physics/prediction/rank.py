@@ -293,7 +293,7 @@ def rank_candidates(
             score.check(scene, "score")
             scene = prepare(scene, belief, propagator, marks)
         own = replace(propagator, samples=halving.count)
-        ends_early = scene.integrator == "implicit"  # the explicit step's kernels do not
+        ends_early = scene.integrator != "explicit"  # the explicit step's kernels do not
         time = ComputeBudget(allowed, started, limit if ends_early else None)
         result = run(scene, belief, own, marks, time, None if progress is None else show, earlier=earlier)
         prediction = Prediction(scene, own, result.snapshots, result.initial, result.start, clock() - started)

@@ -84,7 +84,7 @@ class Auto(Cloud, Anytime):
     def looks_far(self, carry, scene):
         """Return whether contacts are hard, and neither time nor another limit ends the prediction."""
         limited = self.time > 0.0 or len(carry.states) >= self.runs
-        return scene.integrator == "implicit" and not limited and not settled(self._runs(carry), scene)
+        return scene.integrator != "explicit" and not limited and not settled(self._runs(carry), scene)
 
     def measures(self, carry, scene):
         return super().measures(carry, scene) | {"missed_goal": self._excess(carry, scene)}

@@ -12,7 +12,7 @@ from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
 from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, moved_along
-from ..scene.physics_keys import COMMON_INTEGRATORS
+from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.moments import spread_states
 from .base import SAMPLES_LIMIT, Rollouts, Samples, StandardErrors, Supports, Traits
@@ -97,8 +97,8 @@ class Cloud(SimulatedRollouts, Samples, Rollouts):
 
     name = "cloud"
     traits = Traits("estimated", "rollouts and surface", True, False, "simulated")
-    integrators = COMMON_INTEGRATORS
-    supports = Supports(UNCERTAIN_PARAMETERS, COMMON_INTEGRATORS, impact_errors=True)
+    integrators = INTEGRATORS
+    supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS, impact_errors=True)
     resamples = True
 
     #: fewer runs are the first ones of more runs

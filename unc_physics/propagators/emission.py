@@ -205,7 +205,7 @@ def belief_of(runs: Runs, scene: Scene) -> Belief:
             covariance, along = found.covariance, _along(runs, scene, found) if joint else _UNCORRELATED
             reduced = found.fit.reduced
             if reduced is not None and reduced.common.shape[1]:
-                course = course_of(scene.world, runs.step)
+                course = course_of(scene, runs.step)
                 covariance = covariance + common_covariance(reduced.motion, course, len(bodies))
         else:
             mean[bodies] = ends[0, bodies]
@@ -256,7 +256,7 @@ def _along(runs, scene, found):
     reduced = found.fit.reduced
     if reduced is not None and reduced.common.shape[1]:
         motion = (_points_of(runs, found.group) @ reduced.common) @ reduced.motion.T
-        course, parts = course_of(scene.world, runs.step), at.reshape(len(at), -1, ERROR)
+        course, parts = course_of(scene, runs.step), at.reshape(len(at), -1, ERROR)
         parts[:, :, ERR_POSITION] += (motion[:, :3] + course.reach * motion[:, 3:])[:, None]
         parts[:, :, ERR_VELOCITY] += (course.decay * motion[:, 3:])[:, None]
     return at, found.left_out * found.factors
@@ -266,8 +266,8 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
     """Return states (S, B, 13) of the models' centres of mass for standard normal numbers ``z`` (S, r + K).
 
     A sample of a group that met something is the outcome of the nearest rollout, moved by the surface.
-    Contacts of the implicit integrator are hard: a sample that penetrates deeper than all rollouts is
-    replaced by the nearest rollout.
+    A sample that penetrates deeper than all rollouts is replaced by the nearest rollout, except with the
+    explicit integrator, whose contacts are soft.
     """
     states = np.tile(runs.mean, (len(z), 1, 1))
     if diverged(runs.states):
@@ -283,7 +283,7 @@ def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
             near[:, group.bodies] = own[:, None]
         else:
             states[:, group.bodies] = ends[:1, group.bodies]
-    if scene.integrator == "implicit" and (near >= 0).any():
+    if scene.integrator != "explicit" and (near >= 0).any():
         _replace_penetrating(states, ends, near, scene)
     return states
 
@@ -322,7 +322,7 @@ def labelled(runs: Runs, scene: Scene) -> np.ndarray:
     z = np.where(runs.simulated, 0.0, runs.labels)[:, :size]
     errors = np.einsum("nr,kr->nk", z, runs.root).reshape(len(z), -1, ERROR)[:, 0]
     motion = np.concatenate([errors[:, ERR_POSITION], errors[:, ERR_VELOCITY]], axis=1)
-    moved_in_common(states, motion, course_of(scene.world, runs.step))
+    moved_in_common(states, motion, course_of(scene, runs.step))
     return states
 
 
@@ -414,7 +414,7 @@ def _propagate_flights(runs, scene, group, z):
     """Return the states (S, 1, 13) of a body without contacts, for its numbers ``z`` (S, d)."""
     own = z[:, : group.root.shape[1]]
     states = spread_states(runs.mean[group.bodies], np.arange(1), np.einsum("sr,kr->sk", own, group.root))
-    flight = Flight(scene.world.gravity, course_of(scene.world, runs.step), runs.step)
+    flight = Flight(scene.world.gravity, course_of(scene, runs.step), runs.step)
     parameters = np.zeros((len(z), runs.parameters.shape[1]))
     parameters[:, group.columns[group.root.shape[1] :] - runs.root.shape[1]] = z[:, group.root.shape[1] :]
     offsets = center_offsets(scene, parameters)
@@ -462,7 +462,7 @@ def _moments_of(runs, scene, group, ends):
         reduced = reduction(group.root, group.parameters)
     if reduced is not None and reduced.common.shape[1]:
         ends = ends.copy()
-        moved_in_common(ends, -(own @ reduced.common) @ reduced.motion.T, course_of(scene.world, runs.step))
+        moved_in_common(ends, -(own @ reduced.common) @ reduced.motion.T, course_of(scene, runs.step))
     mean, errors = mean_and_errors(np.ascontiguousarray(ends), np.arange(len(group.bodies)))
     weights = _weights(errors, scene.world.bodies.radius[group.bodies])
     if fitted is None or len(fitted.x) != len(errors):
@@ -554,7 +554,7 @@ def _sampled(runs, scene, found, z):
         made += found.shift - made.mean(axis=0)
     states = spread_states(found.mean, np.arange(len(group.bodies)), made)
     if reduced is not None and reduced.common.shape[1]:
-        moved_in_common(states, (own @ reduced.common) @ reduced.motion.T, course_of(scene.world, runs.step))
+        moved_in_common(states, (own @ reduced.common) @ reduced.motion.T, course_of(scene, runs.step))
     return states, changed
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from ..compiler import kernel
+from ..scene.scene import Scene
 from ..spatial.layout import P, Q, V, W
 from ..spatial.rotation import exp, multiply, normalized
 
@@ -24,39 +26,54 @@ class Course(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def course(dt: float, decay: float, steps: float, implicit: bool = False) -> Course:
-    """Return the course of ``steps`` time steps of either integrator; the last one may be a part of a step.
+def course(dt: float, decay: float, steps: float, integrator: str) -> Course:
+    """Return the course of ``steps`` time steps of an integrator; the last one may be a part of a step.
 
-    Both compute ``v' = decay v + dt g``. The explicit integrator travels at v, the implicit one at the mean
-    of v and v', a parabola. Both turn at the angular velocity at the beginning of a step.
+    All compute ``v' = decay v + h g``, with h = dt, except that the step over exact shapes has the exact mean
+    of gravity's decay. The explicit integrator travels at v, the others at the mean of v and v', a parabola.
+    The step over exact shapes turns at the mean of both angular velocities, the others at that of the
+    beginning.
     """
     if steps == 0:
         return Course(1.0, 0.0, 0.0, 0.0, 0.0)
     if steps != int(steps):
-        return _with_part_of_a_step(course(dt, decay, int(steps), implicit), dt, decay, steps % 1.0, implicit)
+        whole = course(dt, decay, int(steps), integrator)
+        return _with_part_of_a_step(whole, dt, decay, steps % 1.0, integrator)
     powers = decay ** np.arange(steps + 1)
-    falls = dt * np.concatenate([[0.0], np.cumsum(powers[:-1])])
+    falls = _fall(dt, decay, integrator) * np.concatenate([[0.0], np.cumsum(powers[:-1])])
     turn = float(np.cumsum(dt * powers[:-1])[-1])
-    if implicit:
+    if integrator != "explicit":
         reach = 0.5 * dt * float((powers[:-1] + powers[1:]).sum())
         sink = 0.5 * dt * float((falls[:-1] + falls[1:]).sum())
     else:
         reach, sink = turn, dt * float(falls[:-1].sum())
+    if integrator == "contact":
+        turn = reach
     return Course(float(powers[-1]), float(falls[-1]), reach, sink, turn)
 
 
-def _with_part_of_a_step(whole, dt, decay, part, implicit):
+def _fall(dt, decay, integrator):
+    """Return the factor on gravity in the change of velocity within a step [s]."""
+    exact = integrator == "contact" and decay < 1.0
+    return dt * (1.0 - decay) / -math.log(decay) if exact else dt
+
+
+def _with_part_of_a_step(whole, dt, decay, part, integrator):
     """Return a course followed by a ``part`` of a step of ``dt``."""
     h = part * dt
     slower = decay**part
-    end, fall = slower * whole.decay, slower * whole.fall + h
-    v, g = (0.5 * (whole.decay + end), 0.5 * (whole.fall + fall)) if implicit else (whole.decay, whole.fall)
-    return Course(end, fall, whole.reach + h * v, whole.sink + h * g, whole.turn + h * whole.decay)
+    end, fall = slower * whole.decay, slower * whole.fall + _fall(h, slower, integrator)
+    v, g, w = whole.decay, whole.fall, whole.decay
+    if integrator != "explicit":
+        v, g = 0.5 * (whole.decay + end), 0.5 * (whole.fall + fall)
+    if integrator == "contact":
+        w = v
+    return Course(end, fall, whole.reach + h * v, whole.sink + h * g, whole.turn + h * w)
 
 
-def course_of(world, steps: float) -> Course:
-    """Return the course of ``steps`` time steps in a `dynamics.world.World`; the last one may be shorter."""
-    return course(world.dt, world.decay, steps, world.implicit is not None)
+def course_of(scene: Scene, steps: float) -> Course:
+    """Return the course of ``steps`` time steps in a scene; the last one may be shorter."""
+    return course(scene.dt, scene.world.decay, steps, scene.integrator)
 
 
 class Flight(NamedTuple):

@@ -47,7 +47,7 @@ def impact_metric(
     world = scene.world
     states, radii = mean[bodies], world.bodies.radius[bodies]
     for i, j, time, share in meetings:
-        along = course_of(world, round(time / world.dt))
+        along = course_of(scene, round(time / world.dt))
         who = [i] if j < 0 else [i, j]
         course = along.decay, along.fall, along.reach, along.turn
         _add_meeting(G, share, states[who], radii[who], errors[who], world.gravity, course)

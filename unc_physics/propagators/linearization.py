@@ -1,6 +1,6 @@
 """Linearization about the nominal rollout: of each explicit step (the paper's section 4.1), or of rollouts.
 
-The explicit step has a derivative in closed form. On the implicit step, whose contacts are solved, slopes are
+The explicit step has a derivative in closed form. On the other steps, whose contacts are solved, slopes are
 central differences of whole rollouts along the uncertain directions.
 """
 
@@ -28,7 +28,7 @@ from ..dynamics.explicit_step import (
 )
 from ..dynamics.workspace import workspace
 from ..scene.belief import Belief
-from ..scene.physics_keys import COMMON_INTEGRATORS
+from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
 from ..spatial.rotation import cross, rotate
@@ -47,6 +47,10 @@ REACH = 0.1
 LIMITS = ((ERR_POSITION, 1e-3), (ERR_ROTATION, 1e-2), (ERR_VELOCITY, 1e-2), (ERR_ANGULAR_VELOCITY, 1e-1))
 
 
+#: Integrators whose contacts have no derivative in closed form.
+_DIFFERENCES = ("implicit", "contact")
+
+
 class LinearizationCarry(NamedTuple):
     """Persistent state on the explicit step."""
 
@@ -59,7 +63,7 @@ class LinearizationCarry(NamedTuple):
 
 
 class DifferenceCarry(NamedTuple):
-    """Persistent state on the implicit step: rollouts as in `point_pairs.PointCarry`.
+    """Persistent state on the other steps: rollouts as in `point_pairs.PointCarry`.
 
     ``reach`` (n,) is the distance of the points from the mean along each direction, in standard deviations.
     """
@@ -83,25 +87,25 @@ class Linearization(SimulatedRollouts, TwoSidedSlopes):
     ``F_t``, which keeps P symmetric and positive semidefinite, and costs less. A contact with the environment
     keeps its normal.
 
-    On the implicit step, the root's columns are central differences of 2 n + 1 rollouts along n uncertain
+    On the other steps, the root's columns are central differences of 2 n + 1 rollouts along n uncertain
     directions, those of the scene's parameters included.
     """
 
     name = "linearization"
     traits = Traits("nominal", "full covariance", True, False, "linearized")
-    integrators = COMMON_INTEGRATORS
-    supports = Supports(UNCERTAIN_PARAMETERS, ("implicit",), parameters_on=("implicit",))
+    integrators = INTEGRATORS
+    supports = Supports(UNCERTAIN_PARAMETERS, _DIFFERENCES, parameters_on=_DIFFERENCES)
 
     def init(self, scene, belief):
         root = belief.root()
-        if scene.integrator == "implicit":
+        if scene.integrator in _DIFFERENCES:
             reach = _reach(scene, root)
             return DifferenceCarry(*spread_points(scene, belief, root, reach), reach)
         mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
         return LinearizationCarry(mean[0], root, history, 0)
 
     def advance(self, carry, scene, steps):
-        if scene.integrator == "implicit":
+        if scene.integrator in _DIFFERENCES:
             return advance_rollouts(carry, scene, steps)
         mean, root, history = carry.mean.copy(), carry.root.copy(), histories.copy(carry.contact_history)
         world, begun = scene.world, carry.step
@@ -109,7 +113,7 @@ class Linearization(SimulatedRollouts, TwoSidedSlopes):
         return LinearizationCarry(mean, root, history, begun + steps)
 
     def advance_through(self, carry, scene, marks):
-        if scene.integrator == "implicit":
+        if scene.integrator in _DIFFERENCES:
             return recorded_rollouts(carry, scene, marks)
         return Propagator.advance_through(self, carry, scene, marks)
 
@@ -124,7 +128,7 @@ class Linearization(SimulatedRollouts, TwoSidedSlopes):
         return None if scene.integrator == "explicit" else _slopes(carry, scene)
 
     def most_rollouts(self, scene, belief):
-        return most_points(scene, belief) if scene.integrator == "implicit" else 1
+        return most_points(scene, belief) if scene.integrator in _DIFFERENCES else 1
 
 
 def _reach(scene, root):

@@ -12,6 +12,7 @@ from ..collision.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
 from ..compiler import inner, kernel
 from ..dynamics.free_motion import integrate_position, integrate_rotation
 from ..dynamics.workspace import workspace
+from ..scene.contact_world import depths_of_pairs
 from ..scene.scene import Scene
 from ..spatial.layout import POSITION, P, V, W
 
@@ -26,14 +27,26 @@ def overlaps(scene: Scene, states: np.ndarray, *, among_moving: bool = True) -> 
     Each is (N, B), of states (N, B, 13). Without ``among_moving``, only overlap with the environment and with
     fixed bodies counts.
     """
+    if scene.integrator == "contact":
+        return _exact(scene, states, among_moving), np.zeros(states.shape[:2])
     depth, work = np.zeros((*states.shape[:2], 1)), np.zeros(states.shape[:2])
     _add_overlaps(_nudged(scene, states), scene.world, scene.world.environment, among_moving, depth, work)
     assert scene.stiffness is not None  # chosen when a prediction begins
     return depth[:, :, 0], scene.stiffness * work
 
 
+def _exact(scene, states, among_moving):
+    """Return `overlaps` of exact shapes: depths (N, B)."""
+    depths = depths_of_pairs(scene, states)
+    if not among_moving:
+        depths[:, scene.moving[:, None], scene.moving] = 0.0
+    return depths.max(axis=2)
+
+
 def pair_overlaps(scene: Scene, states: np.ndarray) -> np.ndarray:
     """Return the depth of each overlap in states (N, B, 13), with bodies and elements: (N, B, B + E) [m]."""
+    if scene.integrator == "contact":
+        return depths_of_pairs(scene, states)
     bodies = len(scene.bodies)
     depth = np.zeros((len(states), bodies, bodies + len(scene.environment)))
     work = np.zeros(states.shape[:2])

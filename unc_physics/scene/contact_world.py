@@ -11,17 +11,21 @@ from typing import Any
 import numpy as np
 
 from ..compiler.time_limit import limit_here
+from ..dynamics.actions import no_actions
 from ..dynamics.contact_history import ContactHistory, InitialAdjustment
+from ..dynamics.implicit_rollout import Stops
 from ..dynamics.implicit_world import NEVER
 from ..physics.everyday import columns as c
 from ..physics.everyday.rollouts import EverydayWorld, Variation, fresh_memory, recorded
 from ..shapes.columns import AXES, CENTER, HALF_EXTENT, KIND, LATHE, ORIGIN, RADIUS
 from ..shapes.pieces import PieceArrays, joined, piece_arrays
+from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
 from ..spatial.rotation import exp, rotation_matrix
 from .marks import Mark
 from .scene import Scene
 
 _SAME_AXIS = 1e-9  # m, and of directions: round-off between lathes of one body
+_AN_INSTANT = 1e-9  # s: a step in which nothing moves
 _BALL = 1e-9  # relative difference of a ball's moments of inertia
 _worlds = weakref.WeakKeyDictionary()  # of scenes
 _pieces = weakref.WeakKeyDictionary()  # of models: their `PieceArrays`
@@ -254,3 +258,31 @@ def recorded_contacts(
         scene.stops(begin, marks),
     )
     return [(x, history._replace(first_time=first, solver=solver)) for x, first, solver in found]
+
+
+def depths_of_pairs(scene: Scene, states: np.ndarray) -> np.ndarray:
+    """Return how deep bodies are in each other and in elements, in states (N, B, 13): (N, B, B + E) [m].
+
+    The depth of two bodies is that of their deepest contact in a step from rest that has no length.
+    """
+    still = states.copy()
+    still[..., VELOCITY] = still[..., ANGULAR_VELOCITY] = 0.0
+    count, bodies = states.shape[:2]
+    world = everyday_world(scene)._replace(dt=_AN_INSTANT, start=0.0, actions=no_actions(bodies))
+    history = fresh_history(scene, count)
+    memory: Any = history.solver
+    own = variation(scene, np.zeros((1, len(scene.uncertain))))
+    stops = Stops(np.ones(1, np.int64), np.zeros(1), np.zeros(1), np.ones(1))
+    ((_, _, found),) = recorded(still, history.first_time, memory, world, own, 0, stops)
+    depths = np.zeros(history.first_time.shape)
+    n, row = np.nonzero(np.arange(found.contact.shape[1]) < found.count[:, None])
+    rows = found.contact[n, row]
+    a, b = (
+        world.spots[rows[:, k].astype(np.int64), c.SURFACE_OF].astype(np.int64)
+        for k in (c.R_PIECE_A, c.R_PIECE_B)
+    )
+    depth = np.maximum(-rows[:, c.R_GAP], 0.0)
+    np.maximum.at(depths, (n, b, a), depth)
+    among = a < bodies
+    np.maximum.at(depths, (n[among], a[among], b[among]), depth[among])
+    return depths
