@@ -16,7 +16,7 @@ APART, DEEP = 1e-6, 1e-4  # agreed errors of distances apart, and of depths down
 TURN = (
     1e-5  # error of normals [rad], of pieces that touch: round-off of points over the distance of the cores
 )
-GAPS = (0.05, 0.01, 1e-3, 1e-4, 1e-6, 1e-9, 0.0, -1e-9, -1e-6, -1e-4, -1e-3, -5e-3)
+GAPS = (0.05, 0.01, 1e-3, 1e-4, 1e-6, 1e-9, 0.0, -1e-9, -1e-6, -1e-4, -1e-3, -5e-3, -0.02)
 
 
 def frame(p, R):
@@ -68,6 +68,25 @@ def test_a_plane_between_the_points_proves_the_distance(kinds):
         assert abs(gap_along(a, Ra, pa, b, Rb, pb, n)[0] - d) < tolerance
         # no direction shows a wider gap: of overlapping pieces the depth is the least one
         assert gap_along(a, Ra, pa, b, Rb, pb, directions).max() < d + tolerance
+
+
+def test_depths_of_boxes_are_those_along_their_15_axes():
+    """The separating axes of two boxes are the normals of their faces and the products of their edges."""
+    rng = np.random.default_rng(1)
+    overlapping = 0
+    for _ in range(600):
+        size_a, size_b = rng.uniform(0.02, 0.12, (2, 3))
+        Ra, Rb = turn(rng), turn(rng)
+        pb = rng.normal(0.0, 0.03, 3)
+        axes = np.array([*Ra.T, *Rb.T, *(np.cross(u, v) for u in Ra.T for v in Rb.T)])
+        lengths = np.linalg.norm(axes, axis=1)
+        axes = axes[lengths > 1e-9] / lengths[lengths > 1e-9, None]
+        gap = (np.abs(axes @ pb) - 0.5 * (np.abs(axes @ Ra) @ size_a + np.abs(axes @ Rb) @ size_b)).max()
+        if gap < 0.0:
+            overlapping += 1
+            found = measured(box(size_a), Ra, np.zeros(3), box(size_b), Rb, pb)
+            assert found.distance == pytest.approx(gap, abs=1e-9)
+    assert overlapping > 300
 
 
 @pytest.mark.parametrize("kind", KINDS)

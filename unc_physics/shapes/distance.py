@@ -13,27 +13,21 @@ from ..checks.errors import InvalidRequestError
 from ..checks.validation import array, point, quaternion
 from ..compiler import inner, kernel
 from ..compiler.arrays import empty
-from ..spatial.rotation import rotation_matrix
+from ..spatial.rotation import cross, rotation_matrix
 from ..spatial.vectors import dot, minus, plus, times, triple
-from .columns import (
-    FIRST_FACE,
-    FRAME,
-    HALF_SPACE,
-    KIND,
-    LAST_FACE,
-    LATHE,
-    OWNER,
-    POSITION,
-    RADIUS,
-    ROTATION,
-    ROUNDING,
-)
+from .columns import FRAME, HALF_SPACE, KIND, POSITION, RADIUS, ROTATION, ROUNDING
 from .nearest import drawn_apart, nearest
 from .pieces import joined, piece_arrays
-from .support import center, gap_along, get, matrix_times
+from .support import center, get, put, support, unit
 
-#: Directions from which depths are looked for, the most promising ones.
-STARTS = 3
+#: Columns of the polytope inside the difference of two cores. A row holds a point, a triangle (numbers of its
+#: corners, outward normal, distance from the origin), and an edge of the rim around what a new point sees.
+_CORNERS, _OUTWARD, _HEIGHT, _RIM = 3, 6, 9, 10
+_MOST_POINTS = 256  # smooth pieces are then within 1e-4 of their size
+#: Shape of the array of a polytope: at most twice as many triangles as points.
+POLYTOPE = 2 * _MOST_POINTS, 12
+#: Shares of the size by which points of the polytope are moved, and to which the least overlap is found.
+_MOVED, _ACCURACY = 1e-9, 1e-6
 
 
 class SignedDistance(NamedTuple):
@@ -57,50 +51,89 @@ class SignedDistance(NamedTuple):
 
 
 @inner
-def _least_depth(a, b, gap, n, p, q, directions, tried, base, frames, pieces, rows, work):
-    """Return gap, normal and nearest points of overlapping pieces, from the best of many directions."""
-    for k in range(STARTS):
-        tried[k, 3] = -math.inf
-    for k in range(len(directions)):
-        _insert(
-            tried, a, b, (directions[k, 0], directions[k, 1], directions[k, 2]), base, frames, pieces, rows
-        )
-    for piece, side in ((a, 1.0), (b, -1.0)):
-        if pieces[piece, KIND] != LATHE:
-            frame = frames[int(pieces[piece, OWNER])]
-            for k in range(int(pieces[piece, FIRST_FACE]), int(pieces[piece, LAST_FACE])):
-                normal = times(side, matrix_times(frame, ROTATION, get(rows, k)))
-                _insert(tried, a, b, normal, base, frames, pieces, rows)
-    for k in range(STARTS):
-        if tried[k, 3] == -math.inf:
-            continue
-        other, m, s, t = drawn_apart(
-            a, b, (tried[k, 0], tried[k, 1], tried[k, 2]), math.inf, base, frames, pieces, rows, work
-        )
-        if other > gap:
-            gap, n = other, m
-            p, q = plus(s, times(pieces[a, ROUNDING], m)), minus(t, times(pieces[b, ROUNDING], m))
-    return gap, n, p, q
+def _difference(a, b, n, k, base, frames, pieces, rows):
+    """Return the point of the cores' difference a - b that is farthest along ``n``, as point number ``k``.
+
+    Points are moved a little, so that no four of them are in a plane.
+    """
+    q = support(b, times(-1.0, n), base, frames, pieces, rows)
+    w = minus(support(a, n, base, frames, pieces, rows), q)
+    moved = (0.8191725 * k % 1.0 - 0.5, 0.6710436 * k % 1.0 - 0.5, 0.5497005 * k % 1.0 - 0.5)
+    return plus(w, times(_MOVED * (pieces[a, RADIUS] + pieces[b, RADIUS]), moved))
 
 
 @inner
-def _insert(tried, a, b, n, base, frames, pieces, rows):
-    """Keep a direction if it is among the best ones so far."""
-    gap = gap_along(a, b, n, base, frames, pieces, rows)
-    worst = 0
-    for k in range(1, STARTS):
-        if tried[k, 3] < tried[worst, 3]:
-            worst = k
-    if gap > tried[worst, 3]:
-        tried[worst, 0], tried[worst, 1], tried[worst, 2], tried[worst, 3] = n[0], n[1], n[2], gap
+def _write_triangle(polytope, count, i, j, k):
+    """Write the corners of a triangle, its outward normal, and its distance from the origin."""
+    p = get(polytope, i)
+    n = unit(cross(minus(get(polytope, j), p), minus(get(polytope, k), p)))
+    row = polytope[count]
+    row[_CORNERS], row[_CORNERS + 1], row[_CORNERS + 2] = i, j, k
+    row[_OUTWARD], row[_OUTWARD + 1], row[_OUTWARD + 2], row[_HEIGHT] = n[0], n[1], n[2], dot(n, p)
 
 
 @inner
-def least_gap(a, b, far, directions, tried, base, frames, pieces, rows, work):
+def _least_overlap(a, b, n, base, frames, pieces, rows, polytope):
+    """Return the direction from a to b along which two cores overlap least, or one that parts them.
+
+    A polytope inside the cores' difference grows where its surface is nearest to the origin, until the
+    difference reaches no farther there (van den Bergen 2001). ``polytope`` is scratch.
+    """
+    for k, (x, y) in enumerate(((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))):
+        put(polytope, k, _difference(a, b, (x, y, x * y), k, base, frames, pieces, rows))
+    first = get(polytope, 0)
+    e, f = minus(get(polytope, 1), first), minus(get(polytope, 2), first)
+    i, j = (1, 2) if dot(cross(e, f), minus(get(polytope, 3), first)) < 0.0 else (2, 1)
+    _write_triangle(polytope, 0, 0, i, j)
+    _write_triangle(polytope, 1, 0, j, 3)
+    _write_triangle(polytope, 2, 0, 3, i)
+    _write_triangle(polytope, 3, i, 3, j)
+    count, least = 4, math.inf
+    for k in range(4, _MOST_POINTS):
+        nearest = 0
+        for c in range(1, count):
+            if polytope[c, _HEIGHT] < polytope[nearest, _HEIGHT]:
+                nearest = c
+        e = triple(polytope[nearest], _OUTWARD)
+        w = _difference(a, b, e, k, base, frames, pieces, rows)
+        if dot(e, w) < least:
+            least, n = dot(e, w), e
+        if least - polytope[nearest, _HEIGHT] < _ACCURACY * (pieces[a, RADIUS] + pieces[b, RADIUS]):
+            break
+        # triangles that the new point sees go; the rim of the hole is joined to it
+        rim, c = 0, 0
+        while c < count:
+            if dot(triple(polytope[c], _OUTWARD), w) <= polytope[c, _HEIGHT]:
+                c += 1
+                continue
+            for v in range(3):
+                start, end = polytope[c, _CORNERS + v], polytope[c, _CORNERS + (v + 1) % 3]
+                back = 0
+                while back < rim and (polytope[back, _RIM] != end or polytope[back, _RIM + 1] != start):
+                    back += 1
+                if back < rim:
+                    rim -= 1
+                    start, end = polytope[rim, _RIM], polytope[rim, _RIM + 1]
+                    polytope[back, _RIM], polytope[back, _RIM + 1] = start, end
+                else:
+                    polytope[rim, _RIM], polytope[rim, _RIM + 1] = start, end
+                    rim += 1
+            count -= 1
+            for column in range(_CORNERS, _RIM):
+                polytope[c, column] = polytope[count, column]
+        put(polytope, k, w)
+        for r in range(rim):
+            i, j = int(polytope[r, _RIM]), int(polytope[r, _RIM + 1])
+            _write_triangle(polytope, count, i, j, k)
+            count += 1
+    return n
+
+
+@inner
+def least_gap(a, b, far, base, frames, pieces, rows, work, polytope):
     """Return gap (a lower bound beyond ``far``), normal and nearest points of two pieces.
 
-    Only ``a`` may be a half-space. A depth is the least one, as seen from the faces' normals and
-    ``directions``.
+    Only ``a`` may be a half-space. Below zero, the gap is the least depth.
     """
     n = (1.0, 0.0, 0.0)
     if pieces[a, KIND] != HALF_SPACE:
@@ -111,24 +144,25 @@ def least_gap(a, b, far, directions, tried, base, frames, pieces, rows, work):
         if length - pieces[a, RADIUS] - pieces[b, RADIUS] > far:
             return length - pieces[a, RADIUS] - pieces[b, RADIUS], n, n, n
     gap, n, p, q = nearest(a, b, n, False, max(far, 0.0), base, frames, pieces, rows, work)
-    if gap < 0.0 and pieces[a, KIND] != HALF_SPACE:
-        return _least_depth(a, b, gap, n, p, q, directions, tried, base, frames, pieces, rows, work)
+    swept = pieces[a, ROUNDING] + pieces[b, ROUNDING]
+    if gap + swept < 0.0 and gap < far and pieces[a, KIND] != HALF_SPACE:
+        m = _least_overlap(a, b, n, base, frames, pieces, rows, polytope)
+        other, m, s, t = drawn_apart(a, b, m, math.inf, base, frames, pieces, rows, work)
+        if other > gap:
+            p, q = plus(s, times(pieces[a, ROUNDING], m)), minus(t, times(pieces[b, ROUNDING], m))
+            gap, n = other, m
     return gap, n, p, q
 
 
 @kernel
-def distance_of_bodies(frames, pieces, rows, first, directions):
-    """Return gap, normal and nearest points (3, 3) of two bodies, relative to the first one's frame.
-
-    Depths are looked for from the most promising of the faces' normals and the unit vectors ``directions``.
-    """
-    work, out = empty((12, 3)), empty((3, 3))
-    tried = empty((STARTS, 4))
+def distance_of_bodies(frames, pieces, rows, first):
+    """Return gap, normal and nearest points (3, 3) of two bodies, relative to the first one's frame."""
+    work, polytope, out = empty((12, 3)), empty(POLYTOPE), empty((3, 3))
     base, best = triple(frames[0], POSITION), math.inf
     for i in range(first[0], first[1]):
         for j in range(first[1], first[2]):
             a, b, side = (j, i, -1.0) if pieces[j, KIND] == HALF_SPACE else (i, j, 1.0)
-            gap, n, p, q = least_gap(a, b, best, directions, tried, base, frames, pieces, rows, work)
+            gap, n, p, q = least_gap(a, b, best, base, frames, pieces, rows, work, polytope)
             if gap < best:
                 best = gap
                 if side < 0.0:
@@ -144,10 +178,6 @@ def even_directions(count: int) -> np.ndarray:
     z, turn = 1.0 - 2.0 * k / count, math.pi * (1.0 + math.sqrt(5.0)) * k
     r = np.sqrt(1.0 - z * z)
     return np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
-
-
-#: Unit vectors from which depths are looked for.
-DIRECTIONS = even_directions(64)
 
 
 def identity_frame() -> np.ndarray:
@@ -225,6 +255,6 @@ def _distance(arrays, frames):
     kinds = arrays.pieces[:, KIND]
     if all(np.any(kinds[i:j] == HALF_SPACE) for i, j in pairwise(arrays.first)):
         raise InvalidRequestError("are both half-spaces, which have no distance", field="bodies")
-    gap, found = distance_of_bodies(frames, arrays.pieces, arrays.rows, arrays.first, DIRECTIONS)
+    gap, found = distance_of_bodies(frames, arrays.pieces, arrays.rows, arrays.first)
     origin = frames[0, POSITION : POSITION + 3]
     return SignedDistance(float(gap), found[0], found[1] + origin, found[2] + origin)

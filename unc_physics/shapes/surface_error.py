@@ -10,7 +10,7 @@ import numpy as np
 
 from ..compiler import kernel
 from ..compiler.arrays import empty
-from .distance import DIRECTIONS, STARTS, identity_frame, least_gap
+from .distance import POLYTOPE, identity_frame, least_gap
 from .piece_mesh import piece_mesh
 from .pieces import Hull, Piece, piece_arrays
 from .triangle_tree import LEAF_SIZE, build_triangle_tree, nearest_on_mesh
@@ -88,7 +88,7 @@ def distances_of_points(pieces: Sequence[Piece], points: np.ndarray) -> np.ndarr
     """Return signed distances (n,) of points (n, 3) from pieces; below zero inside the deepest [m]."""
     arrays = piece_arrays([pieces, [Hull([[0.0, 0.0, 0.0]], _POINT)]])
     frames = np.stack([identity_frame(), identity_frame()])
-    return _distances(np.ascontiguousarray(points), frames, arrays.pieces, arrays.rows, DIRECTIONS) + _POINT
+    return _distances(np.ascontiguousarray(points), frames, arrays.pieces, arrays.rows) + _POINT
 
 
 def distances_outside(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -101,16 +101,16 @@ def distances_outside(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def _distances(points, frames, pieces, rows, directions):
+def _distances(points, frames, pieces, rows):
     """Return the distances of points from all pieces but the last one, which stands for the point."""
-    work, tried, found = empty((12, 3)), empty((STARTS, 4)), empty((len(points),))
+    work, polytope, found = empty((12, 3)), empty(POLYTOPE), empty((len(points),))
     last = len(pieces) - 1
     base = (0.0, 0.0, 0.0)
     for k in range(len(points)):
         frames[1, 0], frames[1, 1], frames[1, 2] = points[k, 0], points[k, 1], points[k, 2]
         best = math.inf
         for p in range(last):
-            best = min(best, least_gap(p, last, best, directions, tried, base, frames, pieces, rows, work)[0])
+            best = min(best, least_gap(p, last, best, base, frames, pieces, rows, work, polytope)[0])
         found[k] = best
     return found
 
