@@ -399,6 +399,15 @@ def a_can_rolls_without_loss(dt):
 
 
 @law
+def a_bottle_rolls_without_loss(dt):
+    """Rolling without slip does no work; the library's bottle touches along its cylinder."""
+    scene = world(RigidBody("b", load_model("bottle")), dt=dt)
+    for speed in (0.4, 0.8):
+        x = run(scene, rolling("bottle", speed, 0.0305), 8.0)[0]
+        yield f"{speed} m/s: share after 8 s", 1, math.hypot(x[3], x[4]) / speed, 0.01
+
+
+@law
 def round_bodies_roll_down_a_slope(dt):
     """g sin a / (1 + I / (m r^2)) t."""
     for degrees in (5.0, 10.0):

@@ -78,6 +78,32 @@ def test_balls_that_meet_off_centre_keep_angular_momentum(dt, e, mu):
     assert energy(scene, y) < energy(scene, x)
 
 
+@pytest.mark.parametrize("e", [0.0, 0.7])
+@pytest.mark.parametrize("pair", ["box box", "box can", "can can", "box ball", "can ball"])
+def test_bodies_of_any_shape_that_meet_keep_angular_momentum(pair, e):
+    """Impulses act where the surfaces are opposite each other; what is left is in taking out depth."""
+    rng, bodies = np.random.default_rng(3), {"box": BOX, "can": CAN, "ball": BALL}
+    first, second = (bodies[name] for name in pair.split())
+    second = RigidBody("second", second.model, second.mass)
+    scene = world(first, second, gravity=None, environment=(), restitution=e)
+    lost = []
+    for _ in range(12):
+        q, r = rng.standard_normal((2, 4))
+        spins, aside = rng.standard_normal((2, 3)) * 5, rng.uniform(-0.04, 0.04, 2)
+        x = np.array(
+            [
+                state((-0.12, 0, 0), (1, 0, 0), spins[0], q / np.linalg.norm(q)),
+                state((0.12, *aside), (-0.5, 0.1, 0), spins[1], r / np.linalg.norm(r)),
+            ]
+        )
+        y = run(scene, x, 0.5)
+        (p, L), (linear, angular) = momenta(scene, x), momenta(scene, y)
+        np.testing.assert_allclose(linear, p, rtol=0, atol=1e-12)
+        assert energy(scene, y) < energy(scene, x)
+        lost.append(np.linalg.norm(angular - L) / np.linalg.norm(L))
+    assert np.median(lost) < 0.015, np.round(lost, 4)
+
+
 def largest_gain(scene, start, time):
     """Return the largest rise of energy over the energy at the start, above the lowest level before it."""
     path = course(scene, start, np.arange(1, round(time / 0.02) + 1) * 0.02)

@@ -51,7 +51,7 @@ LEVER_A, LEVER_B = (
     11,
     14,
 )  # from the centres of mass to the cores at the search; of LATHE ones from their axis
-RHO_A, RHO_B, LATHE_A, LATHE_B = 17, 18, 19, 20  # roundings; whether a lathe about the body's AXIS
+RHO_A, RHO_B, LATHE_A, LATHE_B = 17, 18, 19, 20  # roundings; whether turns about AXIS move it
 JA, JB, IA, IB = 21, 30, 39, 48  # lever x (normal, tangents); inverse inertia times these
 MASS_N, MASS_T, K11, K12, K22 = 57, 58, 59, 60, 61  # effective masses: normal, least and 2 x 2 tangential
 LN, L1, L2 = 62, 63, 64  # impulses along normal and tangents
@@ -78,7 +78,8 @@ COLS = 117
 (R_BODY_A, R_BODY_B, R_PIECE_A, R_PIECE_B, R_FACE_OF, R_RIM_A, R_RIM_B, R_SINCE) = range(16, 24)
 R_POINT, R_IMPULSE = 24, 27  # middle of the gap, and the last step's impulse on b, world axes
 R_POINTED = 30  # as POINTED and EDGE
-REMEMBERED = 34
+R_LATHE_A = 34
+REMEMBERED = 36
 
 # ---- pairs of bodies
 CLEAR = 0  # no contact before the bodies' TRAVEL adds up to this

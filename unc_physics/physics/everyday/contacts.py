@@ -5,6 +5,7 @@ import math
 from ...compiler import inner
 from ...shapes.columns import (
     CORNERS_FROM,
+    COS_HALF,
     FIRST_FACE,
     FIRST_POINT,
     HALF_SPACE,
@@ -80,12 +81,14 @@ from .columns import (
     R_FACE_OF,
     R_GAP,
     R_IMPULSE,
+    R_LATHE_A,
     R_LEVER_A,
     R_LEVER_B,
     R_MOMENT,
     R_NORMAL,
     R_POINT,
     R_POINTED,
+    R_RIM_A,
     R_SINCE,
     R_WARM,
     RADIUS,
@@ -132,6 +135,19 @@ _ALIKE = 0.7  # cosine of normals between which forces are handed on
 
 
 @inner
+def _rolls_on(Y, solids, i, p, n, r):
+    """Return 1 where a turn about its body's axis does not move the contact of piece p at the lever r.
+
+    So with whole lathes. A sector's surface goes on where the point faces along the normal n, and is not at
+    one of the sector's ends.
+    """
+    if solids.spots[p, ON_AXIS] == 0.0:
+        return 0.0
+    across = dot(cross(roll_axis(Y, i), minus(r, roll_arm(Y, i))), n)
+    return 1.0 if solids.pieces[p, COS_HALF] <= -1.0 or abs(across) < FEATURE else 0.0
+
+
+@inner
 def _on_rim(Y, solids, i, p, n, q):
     """Return whether q, from its axis, is a lathe's farthest point along n, and its circle rises along n."""
     b, c = back(Y, i, n), back(Y, i, q)
@@ -159,7 +175,6 @@ def _complete(C, n, Y, solids, surface, materials):
     write(C, n, TAN1, t1)
     write(C, n, TAN2, t2)
     C[n, RHO_A], C[n, RHO_B] = solids.pieces[pa, ROUNDING], solids.pieces[pb, ROUNDING]
-    C[n, LATHE_A], C[n, LATHE_B] = solids.spots[pa, ON_AXIS], solids.spots[pb, ON_AXIS]
     sa, sb = int(solids.spots[pa, SURFACE_OF]), int(solids.spots[pb, SURFACE_OF])
     C[n, MU0] = math.sqrt(materials[FRICTION, sa] * materials[FRICTION, sb])
     C[n, MU], C[n, E] = C[n, MU0], math.sqrt(materials[RESTITUTION, sa] * materials[RESTITUTION, sb])
@@ -248,17 +263,19 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     write(C, n, EDGE, (0.0, 0.0, 0.0))
     if face == NO_FACE:
         _point_to_point(C, n, ra, rb, Y, solids)
-    rim_a = rim_b = 0.0
-    if solids.spots[pa, ON_AXIS] > 0.0:
+    C[n, RIM_A] = C[n, RIM_B] = 0.0
+    C[n, LATHE_A] = _rolls_on(Y, solids, a, pa, normal, ra)
+    C[n, LATHE_B] = _rolls_on(Y, solids, b, pb, normal, rb)
+    if C[n, LATHE_A] > 0.0:
         ra = minus(ra, roll_arm(Y, a))
-        rim_a = 1.0 if face == 2.0 and _on_rim(Y, solids, a, pa, normal, ra) else 0.0
-    if solids.spots[pb, ON_AXIS] > 0.0:
+        C[n, RIM_A] = 1.0 if face == 2.0 and _on_rim(Y, solids, a, pa, normal, ra) else 0.0
+    if C[n, LATHE_B] > 0.0:
         rb = minus(rb, roll_arm(Y, b))
-        rim_b = 1.0 if face == 1.0 and _on_rim(Y, solids, b, pb, times(-1.0, normal), rb) else 0.0
+        C[n, RIM_B] = 1.0 if face == 1.0 and _on_rim(Y, solids, b, pb, times(-1.0, normal), rb) else 0.0
     write(C, n, NORMAL, normal)
     write(C, n, LEVER_A, ra)
     write(C, n, LEVER_B, rb)
-    C[n, GAP0], C[n, FACE_OF], C[n, RIM_A], C[n, RIM_B], C[n, SINCE] = gap, face, rim_a, rim_b, 0.0
+    C[n, GAP0], C[n, FACE_OF], C[n, SINCE] = gap, face, 0.0
     write(C, n, WARM, (0.0, 0.0, 0.0))
     C[n, WARM_MOMENT] = 0.0
     best, which = SAME_POINT * SAME_POINT, -1
@@ -438,20 +455,27 @@ def levers(C, k, Y, t):
 
 @inner
 def _points(C, k, Y, ra, rb, ended):
-    """Return what to add to levers of corners or edges, the way from a's point to b's, and EDGE now.
+    """Return what to add to the cores' levers, the way from a's point to b's then, and EDGE now.
 
-    The nearest point of an edge travels along it. Where driven bodies have ``ended`` the step, they are where
-    it ends.
+    Points on edges and faces travel along these, so that they stay opposite the other body's point. Where
+    driven bodies have ``ended`` the step, they are where it ends.
     """
-    a, b, none = int(C[k, BODY_A]), int(C[k, BODY_B]), (0.0, 0.0, 0.0)
+    a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
     d = minus(plus(three(Y, b, CENTRE), rb), plus(three(Y, a, CENTRE), ra))
     if Y[a, DRIVEN] > 0.0 and not ended:
         d = minus(d, three(Y, a, MOVED))
-    of_b = C[k, POINTED] == 2.0
-    e = turned(three(C, k, EDGE), three(Y, b if of_b else a, TURNED))
-    along = times(dot(d, e), e)
-    d = minus(d, along)
-    return none if of_b else along, times(-1.0, along) if of_b else none, d, e
+    share = 1.0  # of the way along that is a's
+    if C[k, POINTED] == 2.0 or C[k, FACE_OF] == 2.0:
+        share = 0.0
+    elif C[k, POINTED] == 0.0 and C[k, FACE_OF] == 0.0:
+        share = 0.5
+    e = n
+    if C[k, POINTED] > 0.0:
+        e = turned(three(C, k, EDGE), three(Y, a if share > 0.0 else b, TURNED))
+        along = times(dot(d, e), e)
+    else:
+        along = minus(d, times(dot(d, n), n))
+    return times(share, along), times(share - 1.0, along), minus(d, along), e
 
 
 @inner
@@ -501,13 +525,11 @@ def approach(C, k, Y, h):
     ra, rb, d = levers(C, k, Y, 0.0)
     now = C[k, GAP0] + d
     C[k, GAP] = now
+    sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
+    u = _parting(C, k, Y, plus(ra, sa), plus(rb, sb))
     if C[k, POINTED] > 0.0:
-        sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
         _aim(C, k, apart)
-        u = _parting(C, k, Y, plus(ra, sa), plus(rb, sb))
         C[k, GAP], now = _passing(C, k, apart, minus(u, times(dot(u, e), e)), h)
-    else:
-        u = _parting(C, k, Y, ra, rb)
     return dot(three(C, k, NORMAL), u) - C[k, BELT_U], now
 
 
@@ -536,16 +558,14 @@ def spread(C, k, Y, t):
     """
     a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
     ra, rb, _ = levers(C, k, Y, 0.0)
-    more, two, sa = (0.0, 0.0, 0.0), Y[a, IMASS] > 0.0, (0.0, 0.0, 0.0)
-    sb, bend = sa, 0.0
-    if C[k, POINTED] > 0.0:
-        sa, sb, d, e = _points(C, k, Y, ra, rb, False)
-        ra, rb = plus(ra, sa), plus(rb, sb)
-        if _aim(C, k, d):  # the normal turns on until t
-            u = _parting(C, k, Y, ra, rb)
-            u = minus(u, times(dot(u, e), e))
-            end = plus(d, times(t, u))
-            bend = dot(end, u) / (math.sqrt(dot(end, end)) + 1e-300) - dot(three(C, k, NORMAL), u)
+    more, two, bend = (0.0, 0.0, 0.0), Y[a, IMASS] > 0.0, 0.0
+    sa, sb, d, e = _points(C, k, Y, ra, rb, False)
+    ra, rb = plus(ra, sa), plus(rb, sb)
+    if C[k, POINTED] > 0.0 and _aim(C, k, d):  # the normal turns on until t
+        u = _parting(C, k, Y, ra, rb)
+        u = minus(u, times(dot(u, e), e))
+        end = plus(d, times(t, u))
+        bend = dot(end, u) / (math.sqrt(dot(end, end)) + 1e-300) - dot(three(C, k, NORMAL), u)
     n = three(C, k, NORMAL)
     ea = ra
     if t > 0.0:
@@ -647,11 +667,9 @@ def store(n, C, Y, out):
         for x in range(4):
             out[k, R_BODY_A + x] = C[k, BODY_A + x]
         out[k, R_GAP], out[k, R_SINCE] = C[k, GAP0], C[k, SINCE]
-        out[k, R_FACE_OF], out[k, R_FACE_OF + 1], out[k, R_FACE_OF + 2] = (
-            C[k, FACE_OF],
-            C[k, RIM_A],
-            C[k, RIM_B],
-        )
+        for x in range(2):
+            out[k, R_RIM_A + x], out[k, R_LATHE_A + x] = C[k, RIM_A + x], C[k, LATHE_A + x]
+        out[k, R_FACE_OF] = C[k, FACE_OF]
         b, n_ = int(C[k, BODY_B]), three(C, k, NORMAL)
         r = three(C, k, LEVER_B)
         if C[k, LATHE_B] > 0.0:
@@ -672,11 +690,9 @@ def restore(n, rows, C, Y, solids, surface, materials, search):
         for x in range(4):
             C[k, BODY_A + x] = rows[k, R_BODY_A + x]
         C[k, GAP0], C[k, SINCE] = rows[k, R_GAP], rows[k, R_SINCE]
-        C[k, FACE_OF], C[k, RIM_A], C[k, RIM_B] = (
-            rows[k, R_FACE_OF],
-            rows[k, R_FACE_OF + 1],
-            rows[k, R_FACE_OF + 2],
-        )
+        for x in range(2):
+            C[k, RIM_A + x], C[k, LATHE_A + x] = rows[k, R_RIM_A + x], rows[k, R_LATHE_A + x]
+        C[k, FACE_OF] = rows[k, R_FACE_OF]
         _complete(C, k, Y, solids, surface, materials)
         write(C, k, IMPULSE, three(rows, k, R_IMPULSE))
         _index(k, C, search.pairs)
