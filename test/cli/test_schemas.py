@@ -144,9 +144,16 @@ def test_the_schema_knows_all_that_physics_may_say(tmp_path, capsys):
     content |= {"friction_std": 0.1, "restitution_std": 0.01, "impact_friction_speed": 2.0, "horizon": 0.1}
     content |= {"impact_direction_std": 0.01, "impact_point_std": 1e-3, "impact_friction_std": 0.1}
     content["bodies"][0] |= {"friction": 0.3, "restitution": 0.2}
+    names, found = [body["name"] for body in content["bodies"]], set()
+    exact = {key: value for key, value in content.items() if not key.startswith("stiffness")}
+    exact |= {"integrator": "contact", "pairs": [{"between": names[:2], "friction": 0.3}]}
+    exact["bodies"] = [body | {"rolling_friction": 1e-4} for body in content["bodies"]]
     path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(content))
-    assert main(["predict", str(path), "--json", "--propagator", "monte_carlo", "--samples", "3"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert not problems("prediction", result)
-    assert set(result["physics"]) == set(schema("prediction")["$defs"]["physics"]["properties"])
+    for scene in (content, exact):
+        path.write_text(yaml.safe_dump(scene))
+        assert not problems("scene", scene)
+        assert main(["predict", str(path), "--json", "--propagator", "monte_carlo", "--samples", "3"]) == 0
+        result = json.loads(capsys.readouterr().out)
+        assert not problems("prediction", result)
+        found |= set(result["physics"])
+    assert found == set(schema("prediction")["$defs"]["physics"]["properties"])

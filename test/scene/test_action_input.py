@@ -138,7 +138,7 @@ def test_propagators_that_cannot_say_so(name, integrator):
     assert sentence.startswith("propagator does not take prescribed, held or pushed bodies, nor surfaces")
     assert "monte_carlo" in sentence
     if name == "linearization":
-        assert "surfaces that move, but on the implicit integrator; sigma_points" in sentence
+        assert "surfaces that move, but on the implicit and contact integrators; sigma_points" in sentence
 
 
 def test_linearization_takes_uncertain_parameters_on_the_implicit_integrator_alone():

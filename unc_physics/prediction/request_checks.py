@@ -78,7 +78,8 @@ def check_supported(scene: Scene, propagator: Propagator) -> None:
         able = names_where(lambda other: scene.integrator in other.supports.actions)
         where = ""
         if propagator.supports.actions:
-            where = f", but on the {' and '.join(propagator.supports.actions)} integrator"
+            names = propagator.supports.actions
+            where = f", but on the {' and '.join(names)} integrator{'s' * (len(names) > 1)}"
         raise NotSupportedError(
             f"does not take prescribed, held or pushed bodies, nor surfaces that move{where}; {able} do",
             field="propagator",

@@ -21,6 +21,7 @@ from ..shapes.columns import AXES, CENTER, HALF_EXTENT, KIND, LATHE, ORIGIN, RAD
 from ..shapes.pieces import PieceArrays, joined, piece_arrays
 from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
 from ..spatial.rotation import exp, rotation_matrix
+from .environment import thing_names
 from .marks import Mark
 from .scene import Scene
 
@@ -147,12 +148,9 @@ def variation(scene: Scene, z: np.ndarray) -> Variation:
 
     Without uncertain parameters all rollouts share one row.
     """
-    count, things = (len(z) if scene.uncertain else 1), len(scene.surfaces)
-    materials = np.zeros((count, c.MATERIALS, things))
+    count = len(z) if scene.uncertain else 1
     own = scene.materials
-    materials[:, c.FRICTION], materials[:, c.RESTITUTION] = own.friction, own.restitution
-    given = [surface.torsional_friction for surface in scene.surfaces]
-    materials[:, c.TORSION] = [-1.0 if value is None else value for value in given]
+    materials = np.repeat(_materials(scene)[None], count, axis=0)
     mass, tilt = np.ones((count, len(scene.bodies))), np.zeros((count, 2))
     offset = np.zeros((count, len(scene.bodies), 3))
     turns = np.zeros((count, len(scene.environment), 3))
@@ -185,6 +183,25 @@ def variation(scene: Scene, z: np.ndarray) -> Variation:
         held,
         _path_shifts(scene, paths),
     )
+
+
+def _materials(scene):
+    """Return the scene's materials (MATERIALS, S + P), without uncertain parts."""
+    things = thing_names(scene)
+    found = np.full((c.MATERIALS, len(things) + len(scene.pairs)), -1.0)
+    own = found[:, : len(things)]
+    own[c.FRICTION], own[c.RESTITUTION] = scene.materials
+    for k, surface in enumerate(scene.surfaces):
+        rolling = scene.rolling_friction if surface.rolling_friction is None else surface.rolling_friction
+        own[c.ROLLING, k] = 0.0 if rolling is None else rolling
+        if surface.torsional_friction is not None:
+            own[c.TORSION, k] = surface.torsional_friction
+    rows = {"friction": c.FRICTION, "restitution": c.RESTITUTION, "rolling_friction": c.ROLLING}
+    for pair, column in zip(scene.pairs, found.T[len(things) :], strict=True):
+        column[[c.PAIR_A, c.PAIR_B]] = sorted(map(things.index, pair.between))
+        for name, value in pair.given.items():
+            column[rows.get(name, c.TORSION)] = value
+    return found
 
 
 def tilted_gravity(gravity: np.ndarray, tilt: np.ndarray) -> np.ndarray:

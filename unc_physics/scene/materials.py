@@ -66,6 +66,10 @@ class Surface:
         Largest moment about the contact normal per normal force [m]: about two thirds of the radius of the
         contact patch times friction. A contact has the geometric mean of its partners' values, or the only
         one given. Needs the implicit integrator.
+    rolling_friction : float, optional
+        Largest moment against rolling per normal force [m]; None takes the scene's. A contact has the
+        geometric mean of its partners' values. Acts where one of the surfaces is round. Needs the integrator
+        ``contact``.
     material : str, optional
         Name in `material_table.MATERIALS`. Its friction and restitution, with their standard deviations,
         replace those that are not given. The table's standard deviations are those of a contact of two such
@@ -77,6 +81,7 @@ class Surface:
     restitution: float | None = None
     restitution_std: float = 0.0
     torsional_friction: float | None = None
+    rolling_friction: float | None = None
     material: str | None = None
 
 
@@ -102,9 +107,9 @@ def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestErr
                 raise error(f"must not exceed {limit:.6g}", field=field, value=std)
         object.__setattr__(thing, name, value)
         object.__setattr__(thing, f"{name}_std", std)
-    if isinstance(thing, Surface) and thing.torsional_friction is not None:
-        value = non_negative(thing.torsional_friction, f"torsional_friction{of}", error)
-        object.__setattr__(thing, "torsional_friction", value)
+    for name in ("torsional_friction", "rolling_friction") if isinstance(thing, Surface) else ():
+        if getattr(thing, name) is not None:
+            object.__setattr__(thing, name, non_negative(getattr(thing, name), f"{name}{of}", error))
 
 
 def _material(name, field, error):

@@ -92,6 +92,12 @@ PHYSICS_KEYS = {
     "restitution": PhysicsKey(
         share, "Coefficient of restitution of all contacts; 1: elastic, as 'explicit' needs.", law=True
     ),
+    "rolling_friction": PhysicsKey(
+        non_negative,
+        "Rolling friction of all contacts: largest moment against rolling per normal force [m]; needs"
+        " 'contact'.",
+        law=True,
+    ),
     "impact_friction_speed": PhysicsKey(
         positive,
         "Closing speed at which friction of an impact is half of that of sliding [m/s]; null: it does not"

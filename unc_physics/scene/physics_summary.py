@@ -16,8 +16,9 @@ def physics_of(scene: Scene) -> dict[str, Any]:
     """Return the physics of a scene as plain Python values [SI].
 
     ``friction`` and ``restitution`` apply to all surfaces without their own values. ``friction_of`` and
-    ``restitution_of`` list surfaces with their own values by name, if any. Uncertain parameters of the scene
-    include their standard deviations. The stiffness is absent until it is chosen.
+    ``restitution_of`` list surfaces with their own values by name, and ``pairs`` those of pairs, if any.
+    Uncertain parameters of the scene include their standard deviations. The stiffness is absent until it is
+    chosen.
     """
     instance(scene, Scene, "scene")
     restitution = DEFAULT_RESTITUTION[scene.integrator] if scene.restitution is None else scene.restitution
@@ -33,7 +34,9 @@ def physics_of(scene: Scene) -> dict[str, Any]:
         "sleep": scene.sleep,
         "overlap": scene.overlap,
     }
-    for key in Materials._fields:
+    if scene.integrator == "contact":
+        found["rolling_friction"] = scene.rolling_friction or 0.0
+    for key in (*Materials._fields, "rolling_friction"):
         own = {
             name: value
             for name, surface in zip(thing_names(scene), scene.surfaces, strict=True)
@@ -41,6 +44,8 @@ def physics_of(scene: Scene) -> dict[str, Any]:
         }
         if own:
             found[f"{key}_of"] = own
+    if scene.pairs:
+        found["pairs"] = [{"between": list(pair.between)} | pair.given for pair in scene.pairs]
     if scene.impact_friction_speed is not None:
         found["impact_friction_speed"] = scene.impact_friction_speed
     return found | {key: std for key in _STDS if (std := getattr(scene, key))}
@@ -70,6 +75,10 @@ def physics_as_text(scene: Scene) -> str:
             + (" (some surfaces have their own)" if f"{key}_of" in physics else "")
             for key in Materials._fields
         ]
+    if scene.rolling_friction:
+        parts.append(f"rolling friction {scene.rolling_friction * 1e3:g} mm")
+    if scene.pairs:
+        parts.append(f"{len(scene.pairs)} pairs with their own")
     if scene.integrator == "implicit" and scene.overlap != "project":
         parts.append(f"overlap {scene.overlap}")
     return ", ".join(parts + [key for key in ("gyroscopic", "sleep") if physics[key]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks.array_field import OptionalArray, array_field
+from ..checks.array_field import Converted, OptionalArray, array_field
 from ..checks.errors import (
     DuplicateIdError,
     InvalidEnvironmentError,
@@ -42,6 +42,7 @@ from .materials import (
     combined,
     refuse_with_explicit,
 )
+from .pairs import PairMaterial, checked_pairs, refuse_without_exact_shapes
 from .physics_keys import PHYSICS_KEYS, check_integrator
 from .presets import EXACT_PRESETS, PRESETS, with_changes
 
@@ -101,6 +102,9 @@ class Scene:
     restitution : float, optional
         Coefficient of restitution, 0 to 1, of all bodies and elements without their own. None means 0, or 1
         with the explicit integrator, whose contacts are elastic.
+    rolling_friction : float, optional
+        Largest moment against rolling per normal force [m] of all bodies and elements without their own. None
+        means 0. Needs the integrator ``contact``.
     gyroscopic : bool
         Whether rotation conserves angular momentum, instead of angular velocity as in the paper.
     integrator : {'explicit', 'implicit', 'contact'}
@@ -129,6 +133,9 @@ class Scene:
         to the nearest poses without overlap, in the belief's metric. ``reject`` discards them, with Monte
         Carlo only. ``keep`` changes nothing. By default, or None, ``project`` with the implicit integrator.
         The explicit integrator supports only ``keep``.
+    pairs : tuple of PairMaterial
+        Friction and restitution between two things, in place of the means of their own; as mappings, like
+        ``{"between": ["mug", "tray"], "friction": 0.3}``. Needs the integrator ``contact``.
 
     Raises
     ------
@@ -146,6 +153,7 @@ class Scene:
     environment: Sequence[Element] = ()
     friction: float | None = None
     restitution: float | None = None
+    rolling_friction: float | None = None
     gyroscopic: bool = False
     integrator: str = "explicit"
     stiffness_std: float = 0.0
@@ -158,6 +166,7 @@ class Scene:
     impact_friction_std: float = 0.0
     sleep: bool = False
     overlap: str | None = None
+    pairs: Converted[Sequence[Mapping[str, Any] | PairMaterial], tuple[PairMaterial, ...]] = array_field(())
 
     def __post_init__(self):
         try:
@@ -181,6 +190,8 @@ class Scene:
         object.__setattr__(self, "environment", _elements(self.environment, names))
         check_integrator(self.integrator)
         explicit = self.integrator == "explicit"
+        pairs = checked_pairs(self.pairs, names, element_names(self.environment))
+        object.__setattr__(self, "pairs", pairs)
         names_gravity = self.gravity is not None
         if self.integrator == "contact":
             self._refuse_what_contact_lacks()
@@ -201,6 +212,8 @@ class Scene:
         if explicit:
             self._refuse_what_needs_implicit()
             self._refuse_moving_surfaces()
+        if self.integrator != "contact":
+            refuse_without_exact_shapes(self)
         if not names_gravity:
             self._check_needs_no_gravity()
         self._check_attachments(names)

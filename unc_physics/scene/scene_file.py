@@ -44,7 +44,17 @@ PRESET = "physics"
 #: Key for the preset without uncertain materials and errors of impacts.
 EXACT = "exact"
 _COMMON_STD, _COMMON_ORIGIN = "common_pose_std", "common_pose_origin"
-_SCENE_KEYS = (PRESET, EXACT, *PHYSICS_KEYS, "horizon", "bodies", "environment", _COMMON_STD, _COMMON_ORIGIN)
+_SCENE_KEYS = (
+    PRESET,
+    EXACT,
+    *PHYSICS_KEYS,
+    "horizon",
+    "bodies",
+    "environment",
+    "pairs",
+    _COMMON_STD,
+    _COMMON_ORIGIN,
+)
 _SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
 _MOTION_KEYS = ("surface_velocity", "surface_angular_velocity", "surface_center")
 _ELEMENT_KEYS = ("name", *_SURFACE_KEYS, "surface_tilt_std", *_MOTION_KEYS)
@@ -146,7 +156,8 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     read = [_body(body, f"bodies[{k}]", models_dir, folder, spheres, meets) for k, body in enumerate(bodies)]
     rigid, mean = [body for body, _, _ in read], np.array([state for _, state, _ in read])
     options = with_chosen_stiffness(options, rigid, mean)
-    scene = Scene(rigid, environment=environment, **options)
+    pairs = [] if content.get("pairs") is None else content["pairs"]
+    scene = Scene(rigid, environment=environment, pairs=pairs, **options)
     blocks = [P for body, _, P in read if body.free]
     belief = Belief(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
     belief = _with_common_error(belief, content)

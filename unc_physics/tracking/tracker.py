@@ -22,6 +22,7 @@ from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
 from ..scene.environment import thing_names
+from ..scene.pairs import pairs_among
 from ..scene.scene import Scene
 from ..scene.stiffness import with_stiffness
 from ..spatial.layout import ERROR
@@ -277,7 +278,8 @@ class Tracker:
                 f"is no body of the scene{hint(str(name), names)}", field="name", value=name
             )
         state = self._state_at(self._time)
-        scene = replace(old, bodies=[body for body in old.bodies if body.name != name])
+        pairs = pairs_among(old.pairs, {*thing_names(old)} - {name})
+        scene = replace(old, bodies=[body for body in old.bodies if body.name != name], pairs=pairs)
         if len(scene.uncertain) != len(old.uncertain):
             raise NotSupportedError("must have no uncertain parameters to be removed", field=f"body '{name}'")
         symmetries = {own: found for own, found in self._tracked.symmetries.items() if own != name}

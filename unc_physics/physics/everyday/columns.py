@@ -64,14 +64,15 @@ BEFORE = 83  # impulses before a sweep; the first also those of `solve.push_out`
 RIM_A, RIM_B = 86, 87  # whether it is the lathe's farthest point, which travels along the rim as it tilts
 FACE_OF = 88  # whose face the other body's point touches, and with which the normal turns: 1 a, 2 b, 0 none
 TWIST = 89  # most moment about the normal per normal force [m]
-MOMENT, WARM_MOMENT = 90, 91  # impulse of that moment; moment to start from
+ROLL = 90  # most moment across the normal per normal force [m]
 SINCE = 97  # ways of both bodies' farthest points since its search [m]
 IMPULSE = 98  # of the whole step, world axes
 SAVED = 101  # normal and tangents while an impact's error turns them
 SURFACE_A, SURFACE_B = 110, 111  # numbers of materials: a body's, or B + e of element e
 STRUCK = 112  # impacts in this step
 POINTED, EDGE = 113, 114  # 1 between corners or edges; direction of the edge, if any, at the search: b's at 2
-COLS = 117
+MOMENT, WARM_MOMENT = 117, 120  # impulses of moments about normal and tangents; moments to start from
+COLS = 123
 
 # ---- contacts that are remembered between steps, and that callers read
 (R_NORMAL, R_GAP, R_LEVER_A, R_LEVER_B, R_WARM, R_MOMENT) = (0, 3, 4, 7, 10, 13)  # as in ``C``
@@ -110,10 +111,11 @@ SLIPPERINESS = 8  # inverse of the closing speed at which friction of impacts is
 STEP_NUMBER, PART = 9, 10  # number of the present step, and which part of it
 SETTINGS = 11
 
-# ---- materials, rows of an array with a column for each body and element
+# ---- materials, rows of an array with a column for each body and element, then for each pair of its own
 FRICTION, RESTITUTION = 0, 1
-TORSION = 2  # moment per normal force [m]; below 0 if not given
-MATERIALS = 3
+TORSION, ROLLING = 2, 3  # moments per normal force [m]; TORSION is below 0 if not given
+PAIR_A, PAIR_B = 4, 5  # the last columns are of pairs, and have their numbers here; -1 in the others
+MATERIALS = 6
 
 # ---- what is counted
 (CONTACTS, VISITS, SEARCHES, CUT, IMPACTS, IMPACT_VISITS, DIRECTS, SETTLED) = range(8)

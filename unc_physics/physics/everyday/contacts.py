@@ -13,6 +13,7 @@ from ...shapes.columns import (
     KIND,
     LAST_FACE,
     LAST_POINT,
+    LATHE,
     NO_FACE,
     ROUNDING,
 )
@@ -74,6 +75,8 @@ from .columns import (
     NORMAL,
     ON_AXIS,
     ON_RIM,
+    PAIR_A,
+    PAIR_B,
     PIECE_A,
     PIECE_B,
     POINTED,
@@ -98,6 +101,8 @@ from .columns import (
     RHO_B,
     RIM_A,
     RIM_B,
+    ROLL,
+    ROLLING,
     ROT,
     ROW0,
     ROWS,
@@ -176,12 +181,14 @@ def _complete(C, n, Y, solids, surface, materials):
     write(C, n, TAN2, t2)
     C[n, RHO_A], C[n, RHO_B] = solids.pieces[pa, ROUNDING], solids.pieces[pb, ROUNDING]
     sa, sb = int(solids.spots[pa, SURFACE_OF]), int(solids.spots[pb, SURFACE_OF])
-    C[n, MU0] = math.sqrt(materials[FRICTION, sa] * materials[FRICTION, sb])
-    C[n, MU], C[n, E] = C[n, MU0], math.sqrt(materials[RESTITUTION, sa] * materials[RESTITUTION, sb])
-    x, y = materials[TORSION, sa], materials[TORSION, sb]
-    C[n, TWIST] = math.sqrt(x * y) if x >= 0.0 and y >= 0.0 else max(x, y, 0.0)
+    things, pair = _own_pair(materials, sa, sb)
+    C[n, MU0], C[n, E] = _mean(materials, FRICTION, sa, sb, pair), _mean(materials, RESTITUTION, sa, sb, pair)
+    C[n, MU], C[n, TWIST] = C[n, MU0], _mean(materials, TORSION, sa, sb, pair)
+    C[n, ROLL] = 0.0
+    if _is_round(solids.pieces, pa) or _is_round(solids.pieces, pb):
+        C[n, ROLL] = _mean(materials, ROLLING, sa, sb, pair)
     C[n, SURFACE_A], C[n, SURFACE_B], C[n, STRUCK] = sa, sb, 0.0
-    e = sa - (len(materials[0]) - len(surface))
+    e = sa - (things - len(surface))
     v = (0.0, 0.0, 0.0)
     if len(surface) > 0 and e >= 0:
         arm = plus(three(C, n, LEVER_A), times(C[n, RHO_A], normal))
@@ -190,7 +197,33 @@ def _complete(C, n, Y, solids, surface, materials):
     write(C, n, BELT_U, (0.0, dot(v, t1), dot(v, t2)))
     C[n, MODE] = 0.0
     write(C, n, IMPULSE, (0.0, 0.0, 0.0))
-    C[n, MOMENT] = 0.0
+    write(C, n, MOMENT, (0.0, 0.0, 0.0))
+
+
+@inner
+def _own_pair(materials, i, j):
+    """Return the number of surfaces, and the column of two surfaces' own pair, or -1."""
+    k, found = materials.shape[1] - 1, -1
+    while k >= 0 and materials[PAIR_A, k] >= 0.0:
+        if materials[PAIR_A, k] == min(i, j) and materials[PAIR_B, k] == max(i, j):
+            found = k
+        k -= 1
+    return k + 1, found
+
+
+@inner
+def _mean(materials, quantity, i, j, pair):
+    """Return a quantity of a contact: the pair's own, or the geometric mean of those that are given."""
+    if pair >= 0 and materials[quantity, pair] >= 0.0:
+        return materials[quantity, pair]
+    x, y = materials[quantity, i], materials[quantity, j]
+    return math.sqrt(x * y) if x >= 0.0 and y >= 0.0 else max(x, y, 0.0)
+
+
+@inner
+def _is_round(pieces, p):
+    """Return whether a piece rolls: flat ones tip over their edges."""
+    return pieces[p, KIND] == LATHE or pieces[p, ROUNDING] > 0.0
 
 
 @inner
@@ -277,7 +310,7 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     write(C, n, LEVER_B, rb)
     C[n, GAP0], C[n, FACE_OF], C[n, SINCE] = gap, face, 0.0
     write(C, n, WARM, (0.0, 0.0, 0.0))
-    C[n, WARM_MOMENT] = 0.0
+    write(C, n, WARM_MOMENT, (0.0, 0.0, 0.0))
     best, which = SAME_POINT * SAME_POINT, -1
     for j in range(first, first + had):
         d = minus(rb, three(old, j, LEVER_B))
@@ -285,7 +318,7 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
             best, which = dot(d, d), j
     if which >= 0:
         write(C, n, WARM, _given_along(old, which, WARM, normal))
-        C[n, WARM_MOMENT] = old[which, WARM_MOMENT]
+        write(C, n, WARM_MOMENT, _given_along(old, which, WARM_MOMENT, normal))
         old[which, MODE] = 1.0  # used
 
 
@@ -485,6 +518,7 @@ def _aim(C, k, d):
         return False
     n = unit(d)
     write(C, k, WARM, _given_along(C, k, WARM, n))
+    write(C, k, WARM_MOMENT, _given_along(C, k, WARM_MOMENT, n))
     write(C, k, BELT_U, _given_along(C, k, BELT_U, n))
     t1, t2 = _tangents(n)
     write(C, k, NORMAL, n)
@@ -660,7 +694,7 @@ def store(n, C, Y, out):
     for k in range(n):
         for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
             write(out, k, at, three(C, k, of))
-        out[k, R_MOMENT] = C[k, WARM_MOMENT]
+        write(out, k, R_MOMENT, three(C, k, WARM_MOMENT))
         write(out, k, R_POINTED + 1, three(C, k, EDGE))
         out[k, R_POINTED] = C[k, POINTED]
         write(out, k, R_IMPULSE, three(C, k, IMPULSE))
@@ -684,7 +718,7 @@ def restore(n, rows, C, Y, solids, surface, materials, search):
     for k in range(n):
         for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
             write(C, k, of, three(rows, k, at))
-        C[k, WARM_MOMENT] = rows[k, R_MOMENT]
+        write(C, k, WARM_MOMENT, three(rows, k, R_MOMENT))
         write(C, k, EDGE, three(rows, k, R_POINTED + 1))
         C[k, POINTED] = rows[k, R_POINTED]
         for x in range(4):

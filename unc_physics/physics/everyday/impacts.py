@@ -130,7 +130,7 @@ def _strike(C, k, Y, par):
     """Prepare a contact for an impact: the rebound wanted, and friction, which is less at speed."""
     u = closing(Y, C, k)
     write(C, k, LN, (0.0, 0.0, 0.0))
-    C[k, MOMENT] = 0.0
+    write(C, k, MOMENT, (0.0, 0.0, 0.0))
     C[k, MODE] = PARTS if C[k, GAP] < NEAR else WAITS
     C[k, REBOUND] = -C[k, E] * u if u < -bouncing(C, k) else 0.0
     C[k, MU] /= 1.0 + par[SLIPPERINESS] * max(-u, 0.0)

@@ -93,8 +93,8 @@ class Variation(NamedTuple):
 
     Attributes
     ----------
-    materials : (M, 3, S) float64
-        Friction, restitution, torsional friction.
+    materials : (M, MATERIALS, S + P) float64
+        Of S surfaces, then of P pairs with values of their own; rows as in `columns`.
     mass : (M, B) float64
         Factors.
     offset : (M, B, 3) float64

@@ -36,6 +36,7 @@ from .columns import (
     PUSH_V,
     PUSH_W,
     REBOUND,
+    ROLL,
     SLOP,
     SPIN,
     SURFACE_U,
@@ -93,21 +94,34 @@ def closing(Y, C, k):
 
 @inner(noinline=True, error_model="numpy")
 def _resist(Y, C, k):
-    """Let torsional friction of a contact act; return the change of speed.
+    """Let torsional and rolling friction of a contact act; return the change of speed.
 
-    A moment about the normal opposes relative spin, up to TWIST times LN.
+    Moments oppose relative spin: about the normal up to TWIST times LN, across it up to ROLL times LN.
     """
-    a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
-    w = dot(n, minus(three(Y, b, SPIN), three(Y, a, SPIN)))
-    easy = dot(n, symmetric_times(Y, b, IWORLD, n))
-    if Y[a, IMASS] > 0.0:
-        easy += dot(n, symmetric_times(Y, a, IWORLD, n))
-    top = C[k, TWIST] * C[k, LN]
-    new = min(max(C[k, MOMENT] - w / easy, -top), top)
-    change = new - C[k, MOMENT]
-    C[k, MOMENT] = new
-    _twist_by(Y, C, k, times(change, n))
-    return abs(change) * easy * C[k, TWIST]
+    n, t1, t2 = three(C, k, NORMAL), three(C, k, TAN1), three(C, k, TAN2)
+    a, b, old, ln = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, MOMENT), C[k, LN]
+    w = minus(three(Y, b, SPIN), three(Y, a, SPIN))
+    easy, across = _ease(Y, C, k, n), _ease(Y, C, k, t1) + _ease(Y, C, k, t2)
+    top, most = C[k, TWIST] * ln, C[k, ROLL] * ln
+    m = min(max(old[0] - dot(n, w) / easy, -top), top)
+    x, y = old[1] - dot(t1, w) / across, old[2] - dot(t2, w) / across
+    r = math.sqrt(x * x + y * y)
+    if r > most:
+        x, y = x * most / r, y * most / r
+    new = m, x, y
+    d = minus(new, old)
+    write(C, k, MOMENT, new)
+    _twist_by(Y, C, k, plus(times(d[0], n), plus(times(d[1], t1), times(d[2], t2))))
+    arm = dot(three(C, k, JB + 3), three(C, k, JB + 3)) + dot(three(C, k, JB + 6), three(C, k, JB + 6))
+    return abs(d[0]) * easy * C[k, TWIST] + (abs(d[1]) + abs(d[2])) * across * math.sqrt(arm)
+
+
+@inner
+def _ease(Y, C, k, e):
+    """Return the relative spin about a direction by a unit moment about it."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    found = dot(e, symmetric_times(Y, b, IWORLD, e))
+    return found + dot(e, symmetric_times(Y, a, IWORLD, e)) if Y[a, IMASS] > 0.0 else found
 
 
 @inner(noinline=True, error_model="numpy")
@@ -159,7 +173,7 @@ def sweep(first, last, C, Y, h):
         if two:
             write(Y, a, VEL, minus(va, times(ma, f)))
             write(Y, a, SPIN, minus(wa, plus(times(d1, three(C, k, IA + 3)), times(d2, three(C, k, IA + 6)))))
-        if C[k, TWIST] > 0.0:
+        if C[k, TWIST] > 0.0 or C[k, ROLL] > 0.0:
             most = max(most, _resist(Y, C, k))
     return most
 
@@ -207,11 +221,13 @@ def start_warm(first, last, C, Y, h):
     for k in range(first, last):
         share = h if C[k, MODE] != WAITS else 0.0
         write(C, k, LN, times(share, three(C, k, WARM)))
-        C[k, MOMENT] = share * C[k, WARM_MOMENT]
+        write(C, k, MOMENT, times(share, three(C, k, WARM_MOMENT)))
         if C[k, LN] > 0.0:
             kick(Y, C, k, C[k, LN], C[k, L1], C[k, L2])
-            if C[k, TWIST] > 0.0:
-                _twist_by(Y, C, k, times(C[k, MOMENT], three(C, k, NORMAL)))
+            if C[k, TWIST] > 0.0 or C[k, ROLL] > 0.0:
+                m = three(C, k, MOMENT)
+                across = plus(times(m[1], three(C, k, TAN1)), times(m[2], three(C, k, TAN2)))
+                _twist_by(Y, C, k, plus(times(m[0], three(C, k, NORMAL)), across))
 
 
 @inner
@@ -219,7 +235,7 @@ def keep_warm(first, last, C, h):
     """Keep the forces of this substep for the next one."""
     for k in range(first, last):
         write(C, k, WARM, times(1.0 / h, three(C, k, LN)))
-        C[k, WARM_MOMENT] = C[k, MOMENT] / h
+        write(C, k, WARM_MOMENT, times(1.0 / h, three(C, k, MOMENT)))
 
 
 @inner(noinline=True, error_model="numpy")

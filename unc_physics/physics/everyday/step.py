@@ -71,7 +71,7 @@ class Own(NamedTuple):
     """What belongs to one rollout alone."""
 
     par: np.ndarray  # (SETTINGS,)
-    materials: np.ndarray  # (3, S): friction, restitution, torsional friction
+    materials: np.ndarray  # (MATERIALS, S + P)
     held: np.ndarray  # (B, 2): times of attachment and release [s]
     shift: np.ndarray  # (B, 7): displacement and rotation of paths
     hold: np.ndarray  # (B, 7): poses of attached bodies in those of their carriers

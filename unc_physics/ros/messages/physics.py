@@ -14,6 +14,8 @@ from ...scene.scene_file import physics_value, preset
 from ...scene.stiffness import AUTO
 from .fields import optional, vector_message, xyz
 
+#: Keys that have a field.
+_FIELDS = tuple(key for key in PHYSICS_KEYS if hasattr(Physics, key))
 #: Values in the message of fields that are None or absent in the core.
 _ABSENT = {key: 0.0 for key in PHYSICS_KEYS if key.endswith("_std")}
 _ABSENT |= {"impact_friction_speed": 0.0, "damping": 0.0, "friction": 0.0, "gravity": (0.0, 0.0, 0.0)}
@@ -35,7 +37,7 @@ def read_physics(message: Physics, physics: dict) -> dict:
     elif message.exact:
         physics = certain(physics)
     given = {}
-    for key in PHYSICS_KEYS:
+    for key in _FIELDS:
         value = getattr(message, key)
         if isinstance(value, str) or key.endswith("_std"):
             value = value or None
@@ -50,7 +52,7 @@ def read_physics(message: Physics, physics: dict) -> dict:
 
 def physics_message(physics: dict) -> Physics:
     """Return a complete message from arguments of `Scene`; None and missing values become defaults."""
-    physics = {key: value for key, value in physics.items() if value is not None}
+    physics = {key: value for key, value in physics.items() if key in _FIELDS and value is not None}
     integrator = physics.get("integrator", "explicit")
     own = {"restitution": DEFAULT_RESTITUTION[integrator], "overlap": DEFAULT_OVERLAP[integrator]}
     physics = _ABSENT | own | physics
