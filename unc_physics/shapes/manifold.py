@@ -54,6 +54,7 @@ _OBLIQUE = 0.5  # cosine below which a surface does not face along the normal
 _PARALLEL = 4e-4  # squared sine up to which two segments are parallel (1.1 degrees)
 _DEEPER = 1e-4  # a nearest point that is nearer than all corners by more is a contact of its own [m]
 _TURN = 2.5e-3  # squared distance that counts as a turn of a normal by 1: .1 rad is 5 mm [m^2]
+_TILT = 0.03  # rad, slope from the deepest contact up to which one at a distance matters: a step at 7 rad/s
 _GHOST = 1e-4  # another pair's normal that parts two pieces up to this depth replaces their own [m]
 _ALIKE = 2e-4  # 1 - cosine of normals of which one stands for both (1.1 degrees)
 
@@ -113,6 +114,7 @@ def reduce(out, first, last, most, lean, load):
         # ties of symmetric outlines go to the first row, not to round-off
         if -out[k, GAP] > best + _TIE:
             best, found = -out[k, GAP], k
+    least = out[found, GAP]
     out[found, FARNESS] = _KEPT
     for c in range(1, most):
         p, n = triple(out[found], POINT), triple(out[found], NORMAL)
@@ -131,8 +133,8 @@ def reduce(out, first, last, most, lean, load):
                 continue
             d, e = minus(triple(out[k], POINT), p), minus(triple(out[k], NORMAL), n)
             out[k, FARNESS] = min(out[k, FARNESS], dot(d, d) + _TURN * dot(e, e))
-            gap = max(out[k, GAP], 0.0)  # a wide one counts against a place
-            value = out[k, FARNESS] - gap * gap
+            wide = (out[k, GAP] - least) / _TILT  # it counts against a place
+            value = out[k, FARNESS] - wide * wide
             if value > best * (1.0 + 1e-4) + _TIE:
                 best, farthest = value, k
         if out[found, FARNESS] == _KEPT:

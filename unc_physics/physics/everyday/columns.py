@@ -150,5 +150,6 @@ RATIO = 30.0  # of masses in a group from which sweeps alone sag, and small grou
 DIRECT_MOST = 16  # contacts of a group that is solved directly; with 20 it does worse than sweeps
 UNKNOWNS = 3 * DIRECT_MOST  # of the direct solution
 MOST = 32  # contacts of a pair of bodies: a bowl in a bowl needs 24
+PATCH = 4  # contacts of a pair of bodies along one normal: three carry a load, one more stops rocking
 SURE = 8  # normals of a pair of bodies that may stand for those of other pieces
 LISTS = 256  # lists of pieces at a time; a pair whose list another one has taken makes its own again

@@ -23,6 +23,7 @@ from ...shapes.columns import (
     NO_FACE,
     POLYGON,
 )
+from ...shapes.columns import NORMAL as FOUND_NORMAL
 from ...shapes.columns import RADIUS as PIECE_RADIUS
 from ...shapes.manifold import contacts_of_pieces, manifold_of_pieces, reduce, write_contact
 from ...shapes.nearest import half_space, nearest
@@ -70,6 +71,7 @@ from .columns import (
     OWN,
     PAIR,
     PARTED,
+    PATCH,
     PIECE_A,
     PIECE_B,
     RADIUS,
@@ -428,6 +430,29 @@ def _touching(m, k, b, lean, Y, solids, search):
     return k
 
 
+@inner(noinline=True)
+def _patches(k, lean, out):
+    """Keep few of k contacts along one normal, whatever pieces they are of; return how many are left.
+
+    Four carry what more would carry too: the deepest, the one where the load leaves, and the two farthest.
+    """
+    first = 0
+    while first < k:
+        n, end = three(out, first, FOUND_NORMAL), first + 1
+        for j in range(end, k):
+            if dot(three(out, j, FOUND_NORMAL), n) > 1.0 - _ALIKE:
+                for x in range(CONTACT if j > end else 0):
+                    out[j, x], out[end, x] = out[end, x], out[j, x]
+                end += 1
+        kept = reduce(out, first, end, PATCH, lean, (0.0, 0.0, 0.0))
+        if kept < end:
+            for j in range(end, k):
+                for x in range(CONTACT):
+                    out[kept + j - end, x] = out[j, x]
+        first, k = kept, k - (end - kept)
+    return k
+
+
 @inner
 def _leaning(Y, a, b):
     """Return where the load of a contact moves: along the velocity at which b slides, or with its forces."""
@@ -460,10 +485,8 @@ def meet(a, b, far, dt, slack, Y, solids, old, first, had, search, count):
         return FULL, 0.0
     for c in range(m):
         low = min(low, search.near[c, N_GAP])
-    k = _touching(m, k, b, lean, Y, solids, search)
-    if k > MOST:
-        k = reduce(search.out, 0, k, MOST, lean, (0.0, 0.0, 0.0))
-    return k, low
+    k = _patches(_touching(m, k, b, lean, Y, solids, search), lean, search.out)
+    return reduce(search.out, 0, k, MOST, lean, (0.0, 0.0, 0.0)), low
 
 
 @inner(noinline=True)
@@ -491,7 +514,7 @@ def _meet_one(a, b, far, lean, Y, solids, old, first, had, search, count):
         gap = nearest(pa, pb, n, False, far, base, Y, pieces, rows, search.work)[0]
     if k == 0:
         write(pairs[a], b, PARTED, n)
-    return k, gap
+    return _patches(k, lean, search.out), gap
 
 
 @inner
