@@ -345,3 +345,26 @@ def test_depths_are_those_of_signed_distances():
             for x in states[:, k]
         ]
         np.testing.assert_allclose(depths[:, k, 2], np.maximum(-np.array(low), 0.0), atol=1e-4)
+
+
+def test_floors_tilt_and_paths_are_offset_by_each_rollouts_own_draws():
+    yaw = 0.4
+    floor = Box(
+        (4, 4, 0.2), (0, 0, -0.1), (0, 0, math.sin(yaw / 2), math.cos(yaw / 2)), surface_tilt_std=0.01
+    )
+    path = PosePath(times=[0, 1], positions=[[1, 0, 0.5], [1, 1, 0.5]], orientations=[[0, 0, 1, 0]] * 2)
+    ball = primitive_model("sphere", radius=0.03)
+    hand = RigidBody("hand", ball, trajectory=path, trajectory_std=[0.1, 0, 0, 0, 0, 0.5])
+    scene = everyday([hand, RigidBody("ball", ball, 0.1)], environment=[floor], friction=1.0, restitution=0.0)
+    belief = belief_of(scene, {"ball": {"position": (0.0, 0.0, 0.0301)}})
+    p = predict(scene, belief, make_propagator("monte_carlo", samples=20), 0.5)
+    names = [(parameter.name, parameter.axis) for parameter in scene.uncertain]
+    z = {name: p.carry.parameters[:, k] for k, name in enumerate(names)}
+    x, y = (0.01 * z["surface_tilt", axis] for axis in range(2))  # about the element's own axes
+    tilt = np.column_stack([x * math.cos(yaw) - y * math.sin(yaw), x * math.sin(yaw) + y * math.cos(yaw)])
+    expected = 0.5 * 5.0 / 7.0 * G * 0.25 * np.column_stack([tilt[:, 1], -tilt[:, 0]])
+    np.testing.assert_allclose(p.samples()[:, 1, :2], expected, atol=2e-2 * abs(expected).max())
+    # the path's own axes are turned by half a turn
+    a, turn = -0.1 * z["trajectory", 0], 0.5 * z["trajectory", 5]
+    expected = np.column_stack([1.0 + a - 0.5 * np.sin(turn), 0.5 * np.cos(turn), np.full(20, 0.5)])
+    np.testing.assert_allclose(p.samples()[:, 0, :3], expected, atol=1e-9)

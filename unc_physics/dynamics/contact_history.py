@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..spatial.random import combine
+from ..spatial.random import keys_of
 from . import implicit_world
 from .implicit_world import fresh_solver_memory
 
@@ -79,8 +79,7 @@ def with_keys(history, seed, first=0):
 
     The key of a rollout depends only on the seed and the rollout's number.
     """
-    numbers = range(first, first + len(history.first_time))
-    keys = np.array([combine(np.uint64(seed), n) for n in numbers], np.uint64)
+    keys = keys_of(np.uint64(seed), first, len(history.first_time))
     return history._replace(solver=history.solver._replace(key=keys))
 
 

@@ -20,7 +20,7 @@ from ..physics.everyday.rollouts import EverydayWorld, Variation, fresh_memory, 
 from ..shapes.columns import AXES, CENTER, HALF_EXTENT, KIND, LATHE, ORIGIN, RADIUS
 from ..shapes.pieces import PieceArrays, joined, piece_arrays
 from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
-from ..spatial.rotation import exp, rotation_matrix
+from ..spatial.rotation import exp_vectors, rotate_vectors, rotation_matrix
 from .environment import thing_names
 from .marks import Mark
 from .scene import Scene
@@ -221,13 +221,12 @@ def _frames(scene, turns):
     """Return the frames (N, T, 12) of elements that tilt about their positions."""
     tilting = _tilting(scene)
     frames = np.zeros((len(turns), len(tilting), 12))
-    for n, turn in enumerate(turns if tilting else ()):
-        for t, k in enumerate(tilting):
-            element = scene.environment[k]
-            own = element.rotation
-            tilt = own @ rotation_matrix(np.array(exp(*map(float, turn[k])))) @ own.T
-            frames[n, t, :3] = element.position - tilt @ element.position
-            frames[n, t, 3:] = tilt.ravel()
+    for t, k in enumerate(tilting):
+        element = scene.environment[k]
+        q = exp_vectors(turns[:, k] @ element.rotation.T)
+        tilt = rotate_vectors(q[:, None], np.eye(3)).transpose(0, 2, 1)
+        frames[:, t, :3] = element.position - tilt @ element.position
+        frames[:, t, 3:] = tilt.reshape(-1, 9)
     return frames
 
 
@@ -240,10 +239,9 @@ def _path_shifts(scene, offsets):
             continue
         pose = scene.actions.pose[scene.actions.path[k, 0]]
         R, middle = rotation_matrix(pose[6:10]), pose[:3]
-        for n, offset in enumerate(offsets[:, k]):
-            q = np.array(exp(*(R @ offset[3:])))
-            shifts[n, k, 3:] = q
-            shifts[n, k, :3] = middle + R @ offset[:3] - rotation_matrix(q) @ middle
+        q = exp_vectors(offsets[:, k, 3:] @ R.T)
+        shifts[:, k, 3:] = q
+        shifts[:, k, :3] = middle + offsets[:, k, :3] @ R.T - rotate_vectors(q, middle)
     return shifts
 
 

@@ -49,6 +49,15 @@ def combine(key, value):
 
 
 @kernel
+def keys_of(seed, first, count):
+    """Return keys (count,) uint64 of a seed and of the numbers from ``first`` on."""
+    keys = np.empty(count, np.uint64)
+    for k in range(count):
+        keys[k] = combine(np.uint64(seed), first + k)
+    return keys
+
+
+@kernel
 def places(key):
     """Return the start indices of nine runs of a key in `normal_table`.
 

@@ -160,6 +160,12 @@ def rotate_vectors(q, vectors):
     return vectors + q[..., 3:] * once + np.cross(q[..., :3], once)
 
 
+def exp_vectors(turns):
+    """Return the unit quaternions (..., 4) of rotation vectors (..., 3) [rad]; not for kernels."""
+    half = 0.5 * np.linalg.norm(turns, axis=-1, keepdims=True)
+    return np.concatenate([0.5 * np.sinc(half / np.pi) * turns, np.cos(half)], axis=-1)
+
+
 def cross_matrices(v):
     """Return the matrices (..., 3, 3) of the cross products with vectors (..., 3); not for kernels."""
     K = np.zeros((*v.shape, 3))
