@@ -119,7 +119,7 @@ def test_rows_and_report(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "fit_model", fit)  # tested where it is
     results = Results(tmp_path / "results")
     jobs = experiment.jobs(Settings(quick=True, data=str(folder)))
-    assert len(jobs) == 1 + 1 + 4 + 1  # defaults, exact, leave one out, without physics
+    assert len(jobs) == 1 + 2 + 4 + 1  # defaults, exact by both steps, leave one out, without physics
     for job in jobs:
         outcome = experiment.run(job)
         assert all(np.isfinite(row.value) for row in outcome.rows)
@@ -128,18 +128,23 @@ def test_rows_and_report(folder, tmp_path, monkeypatch):
     assert [(line.method, line.given) for line in found] == [
         (OURS, "default"),
         (OURS, "exact"),
+        (OURS, "exact shapes"),
         (OURS, "calibrated"),
         (MARGINAL, "default"),
         (STILL, "default"),
     ]
-    ours, exact, marginal = found[0], found[1], found[3]
+    ours, exact, shapes, marginal, still = found[0], found[1], found[2], found[4], found[5]
     assert _in_90(exact) < _in_90(ours)
+    for when in experiment.TIMES:  # a cube is the same to both steps
+        quantity = f"{experiment.POSITION_SCORE} {when}"
+        for toss, score in exact.values[quantity].items():
+            assert shapes.values[quantity][toss] == pytest.approx(score, rel=0.05, abs=1e-4)
     assert above(marginal, marginal, experiment.POSITION_SCORE) == "+0 (+0 to +0)"
-    assert above(ours, found[4], experiment.POSITION_SCORE).startswith("-")
-    assert "worse at" in above(found[4], ours, experiment.POSITION_SCORE)
+    assert above(ours, still, experiment.POSITION_SCORE).startswith("-")
+    assert "worse at" in above(still, ours, experiment.POSITION_SCORE)
     report = experiment.report(results)
     assert "| cube on a table, 4 | unc_physics, default |" in report
-    assert (results.folder / "reality_scores.csv").read_text().count("\n") == 6
+    assert (results.folder / "reality_scores.csv").read_text().count("\n") == 7
     assert (results.folder / "reality_coverage.csv").is_file()
 
 

@@ -26,18 +26,20 @@ from unc_physics.spatial.layout import POSITION, QUATERNION
 
 from ..jobs import Job, Outcome, Row, Settings
 from ..marginal import marginal_prediction, still_prediction
-from ..methods import MARGINAL, OURS, STILL
+from ..methods import CONTACT, MARGINAL, OURS, STILL
 from ..polyhedron import face_normals, lowest_face
 from ..push_predictions import push_outcomes, push_predictions
 from ..recorded_engines import RecordedEngine
 from ..recorded_sets import PushSet, RecordedSet, read_sets
 from ..results import Results
-from ..rollouts import available, missing_engines
+from ..rollouts import available, missing_engines, with_exact_shapes
 from ..scores import brier_score
 
 TITLE = "Reality"
 TIMES = ("0.1 s", "0.2 s", "0.4 s", "rest")
 DEFAULTS, EXACT, CALIBRATED = "default", "exact", "calibrated"
+#: As exact, by the step over exact shapes.
+SHAPES = "exact shapes"
 #: Packings of a cube, whose spheres are in order of size, so that its corners are cut.
 PACKED = {f"{count} spheres": count for count in (100, 300, 1000)}
 #: Most motions of a set, samples of each prediction; motions, samples of all motions, and models of a fit.
@@ -79,7 +81,7 @@ def _givens(own, by):
     if by != OURS or isinstance(own, PushSet):
         return DEFAULTS, CALIBRATED
     packed = PACKED if own.solid is not None and own.solid.name == "cube" else ()
-    return DEFAULTS, EXACT, CALIBRATED, *packed
+    return DEFAULTS, EXACT, SHAPES, CALIBRATED, *packed
 
 
 def _folds(own, by, given, count):
@@ -155,7 +157,9 @@ def _by_physics(own: RecordedSet, tests, others, p, seed: int) -> list[Row]:
         model = own.model(others, _given(own, flies, p["by"], p["given"]))
     normals = face_normals(own.scene.bodies[0].model)
     tested = own.recorded(flies, tests)  # with all corners: flights end with the first contact
-    scene = with_stiffness(model.scene, tested[0].start.state[None])
+    scene = model.scene
+    if scene.integrator != CONTACT:
+        scene = with_stiffness(scene, tested[0].start.state[None])
     for k, one in zip(tests, tested, strict=True):
         own_seed = seed_of(seed, int(k))
         belief = one.start.belief(model.position_noise, model.rotation_noise)
@@ -175,7 +179,7 @@ def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
         body = scene.bodies[0]
         packed = replace(body, model=own.solid.packed(PACKED[given]), inertia=body.unit_inertia)
         return replace(scene, bodies=[packed])
-    if by == OURS and given != EXACT:
+    if by == OURS and given not in (EXACT, SHAPES):
         return scene
     if by == OURS:  # what the scene file gives is exact already
         preset = EXACT_PRESETS["everyday"]
@@ -184,7 +188,8 @@ def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
     else:
         friction, restitution = _UNSET[by]
     known = dict.fromkeys((*IMPACT_STDS, "friction_std", "restitution_std"), 0.0)
-    return replace(scene, friction=friction, restitution=restitution, impact_friction_speed=None, **known)
+    found = replace(scene, friction=friction, restitution=restitution, impact_friction_speed=None, **known)
+    return with_exact_shapes(found) if given == SHAPES else found
 
 
 def _calibrated(own: RecordedSet, others, p, simulate: Simulator, seed: int) -> tuple[Model, list]:
