@@ -180,8 +180,9 @@ def test_rollouts_depend_neither_on_their_order_nor_on_threads(pile):
     assert np.array_equal(mixed.states, carry.states[order])
 
 
-def test_contacts_can_be_read_and_carry_the_weight():
-    scene = everyday([RigidBody("box", load_model("salt_box"))])
+@pytest.mark.parametrize("sleep", [False, True])
+def test_contacts_can_be_read_and_carry_the_weight(sleep):
+    scene = everyday([RigidBody("box", load_model("salt_box"))], sleep=sleep)
     belief = belief_of(scene, {"box": {"position": (0.0, 0.0, 0.061)}})
     carry = carry_after(scene, belief, make_propagator("monte_carlo", samples=1), [60])
     found = contacts_of(carry.contact_history.solver, 0)

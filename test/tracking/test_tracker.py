@@ -10,6 +10,7 @@ from tracked_scenes import NOISE, SIDE, belief_of, bodies, box, free_scene, meas
 
 from unc_physics import (
     AxialSymmetry,
+    Belief,
     BodyBelief,
     ContactNoise,
     Plane,
@@ -25,9 +26,9 @@ from unc_physics import (
     TrackStatus,
     UncPhysicsError,
     load_model,
-    with_stiffness,
+    make_propagator,
+    predict,
 )
-from unc_physics.dynamics.rollout import simulate
 
 RATE = 30.0
 UNKNOWN = {
@@ -41,16 +42,14 @@ AHEAD = PosePath(times=[0.0, 1.0], positions=[(0, 0, 0), (0, 0, 1)])
 RESTING = pose([0.0, 0.0, SIDE / 2])
 
 
+on_both = pytest.mark.parametrize("integrator", ["implicit", "contact"])
+
+
 def simulated(scene, start, times):
     """True states (T, B, 13) at some times."""
-    scene = with_stiffness(scene, start)
-    x, found, done = start[None].copy(), [], 0
-    for time in times:
-        steps = round(time / scene.dt)
-        simulate(x, scene.world, steps - done)
-        done = steps
-        found.append(x[0].copy())
-    return np.array(found)
+    belief = Belief(start, np.zeros((len(scene.moving), 12, 12)))
+    found = predict(scene, belief, make_propagator("monte_carlo", samples=1), times=times)
+    return np.array([found.samples(time=time)[0] for time in times])
 
 
 def flight(known, velocity, spin, times, gravity=-9.81):
@@ -204,8 +203,9 @@ def test_ahead_and_fork_leave_the_tracker_as_it_is():
     assert touched.mean == pytest.approx(np.sqrt(2.0 * 0.26 / 9.81) - 0.1, abs=0.02)
 
 
-def test_bodies_come_and_go():
-    scene, rng = table_scene(), np.random.default_rng(12)
+@on_both
+def test_bodies_come_and_go(integrator):
+    scene, rng = table_scene(integrator=integrator), np.random.default_rng(12)
     tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
     for k in range(1, 16):
         tracker.correct(k / RATE, {"box0": measured(RESTING, rng)})
@@ -226,11 +226,12 @@ def test_bodies_come_and_go():
     assert tracker.belief().mean[0, 2] == pytest.approx(SIDE / 2, abs=2e-3)
 
 
-def test_what_lies_on_a_removed_body_falls():
+@on_both
+def test_what_lies_on_a_removed_body_falls(integrator):
     shelf = load_model("brick")
     top = float(shelf.bounds[1, 2])
     bodies = [RigidBody("box0", box(), 0.3), RigidBody("shelf", shelf, 1.0, fixed=True)]
-    scene = Scene.everyday(bodies, exact=True, environment=[Plane(offset=-0.2)])
+    scene = Scene.everyday(bodies, exact=True, integrator=integrator, environment=[Plane(offset=-0.2)])
     belief = belief_of(scene, box0={"position": [0.0, 0.0, top + SIDE / 2]}, shelf=dict.fromkeys(STDS, 0.0))
     tracker = Tracker(scene, belief)
     tracker.predict(2.0)
@@ -240,12 +241,17 @@ def test_what_lies_on_a_removed_body_falls():
     assert tracker.belief().mean[0, 2] == pytest.approx(-0.2 + SIDE / 2, abs=2e-3)
 
 
-def test_a_path_changes_at_run_time():
+@on_both
+def test_a_path_changes_at_run_time(integrator):
     brick = load_model("brick")  # its front comes to x = 0
     far, near = ([x - float(brick.bounds[1, 0]), 0.0, SIDE / 2] for x in (-0.2, 0.0))
     finger = RigidBody("finger", brick, trajectory=PosePath(times=[0.0, 9.0], positions=[far, far]))
     scene = Scene.everyday(
-        [finger, RigidBody("box0", box(), 0.3)], exact=True, environment=[Plane()], friction=0.3
+        [finger, RigidBody("box0", box(), 0.3)],
+        exact=True,
+        environment=[Plane()],
+        friction=0.3,
+        integrator=integrator,
     )
     tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
     tracker.predict(1.0)
@@ -435,8 +441,9 @@ def test_a_can_is_followed_whatever_its_angle_about_its_axis():
     assert spins[-1] == pytest.approx(-0.3 / radius, rel=0.15)  # contact tells what no pose shows
 
 
-def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it():
-    scene = table_scene(3, friction=0.3)
+@on_both
+def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it(integrator):
+    scene = table_scene(3, friction=0.3, integrator=integrator)
     row = [0.0, SIDE + 0.05, 2.0 * SIDE + 0.06]  # the middle one is hidden by the others
     start = np.array([state([x, 0.0, SIDE / 2], [1.2 * (k == 0), 0.0, 0.0]) for k, x in enumerate(row)])
     times = np.arange(1, 25) / RATE
@@ -458,11 +465,12 @@ def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it():
     assert tracker.status("box1") in (TrackStatus.COASTING, TrackStatus.RESTING)
 
 
-def test_bodies_at_rest_touch_what_they_rest_on():
+@on_both
+def test_bodies_at_rest_touch_what_they_rest_on(integrator):
     can = load_model("can")
     foot = -float(can.bounds[0, 2])
     bodies = [RigidBody("can", can, 0.3), RigidBody("lower", box(), 0.3), RigidBody("upper", box(), 0.3)]
-    scene = Scene.everyday(bodies, exact=True, environment=[Plane(name="table")])
+    scene = Scene.everyday(bodies, exact=True, integrator=integrator, environment=[Plane(name="table")])
     known = {
         "can": {"position": [0.4, 0.0, foot]},
         "lower": {"position": RESTING[:3]},

@@ -84,7 +84,9 @@ def with_keys(history, seed, first=0):
 
 
 def asleep(history, world):
-    """Return which bodies sleep in each rollout: (N, B) bool."""
+    """Return which bodies sleep in each rollout, or may sleep: (N, B) bool."""
+    if _is_of_exact_shapes(history):
+        return history.solver.at_rest
     if history.solver is None or world.implicit is None or world.implicit.rest_steps == 0:
         return np.zeros(history.first_time.shape[:2], bool)
     return history.solver.rest_steps >= world.implicit.rest_steps
@@ -97,6 +99,8 @@ def renewed(history, bodies):
     first[:, :, bodies] = np.inf
     if history.solver is None:
         return history._replace(first_time=first)
+    if _is_of_exact_shapes(history):
+        return history._replace(first_time=first, solver=history.solver.renewed(bodies))
     rest_steps = history.solver.rest_steps.copy()
     rest_steps[:, bodies] = 0
     return history._replace(first_time=first, solver=history.solver._replace(rest_steps=rest_steps))
@@ -106,8 +110,20 @@ def woken(history):
     """Return the history in which every body is awake."""
     if history.solver is None:
         return history
+    if _is_of_exact_shapes(history):
+        return history._replace(solver=history.solver.awake())
     rest_steps = np.zeros_like(history.solver.rest_steps)
     return history._replace(solver=history.solver._replace(rest_steps=rest_steps))
+
+
+def moved(history):
+    """Return the history after the states of rollouts were changed from outside."""
+    return history._replace(solver=history.solver.moved()) if _is_of_exact_shapes(history) else history
+
+
+def _is_of_exact_shapes(history):
+    """Return whether rollouts remember contacts of exact shapes, not of spheres."""
+    return history.solver is not None and not isinstance(history.solver, implicit_world.SolverMemory)
 
 
 def with_kept_overlap(history, kept, bodies):
@@ -132,7 +148,10 @@ def of_bodies(history, bodies):
     """Return the history of some bodies (ascending indices), with each other and with all elements."""
     first, solver, start = _pairs_of(history.first_time, bodies), history.solver, history.start
     if solver is not None:
-        solver = implicit_world.of_bodies(solver, bodies, _pairs_of(solver.kept_overlap, bodies))
+        if _is_of_exact_shapes(history):
+            solver = solver.of_bodies(bodies)
+        else:
+            solver = implicit_world.of_bodies(solver, bodies, _pairs_of(solver.kept_overlap, bodies))
         start = InitialAdjustment(*(np.ascontiguousarray(values[:, bodies]) for values in start))
     return ContactHistory(first, solver, start)
 
@@ -155,13 +174,15 @@ def with_another_body(history):
     first = larger(history.first_time, np.inf)
     if solver is None:
         return ContactHistory(first, None, None)
+    start = InitialAdjustment(*(np.insert(values, bodies, 0.0, axis=1) for values in history.start))
+    if _is_of_exact_shapes(history):
+        return ContactHistory(first, solver.with_another_body(), start)
     new = fresh_solver_memory(len(first), bodies + 1)
     for name in ("contact", "force", "rest_steps", "residual"):
         old = getattr(solver, name)
         getattr(new, name)[:, : old.shape[1]] = old
     kept = solver.kept_overlap
     kept = larger(kept, 0.0) if kept.size else kept
-    start = InitialAdjustment(*(np.insert(values, bodies, 0.0, axis=1) for values in history.start))
     return ContactHistory(first, new._replace(count=solver.count, kept_overlap=kept, key=solver.key), start)
 
 

@@ -290,14 +290,32 @@ def depths_of_pairs(scene: Scene, states: np.ndarray) -> np.ndarray:
     stops = Stops(np.ones(1, np.int64), np.zeros(1), np.zeros(1), np.ones(1))
     ((_, _, found),) = recorded(still, history.first_time, memory, world, own, 0, stops)
     depths = np.zeros(history.first_time.shape)
-    n, row = np.nonzero(np.arange(found.contact.shape[1]) < found.count[:, None])
-    rows = found.contact[n, row]
-    a, b = (
-        world.spots[rows[:, k].astype(np.int64), c.SURFACE_OF].astype(np.int64)
-        for k in (c.R_PIECE_A, c.R_PIECE_B)
-    )
+    n, a, b, rows = _remembered(scene, found)
     depth = np.maximum(-rows[:, c.R_GAP], 0.0)
     np.maximum.at(depths, (n, b, a), depth)
     among = a < bodies
     np.maximum.at(depths, (n[among], a[among], b[among]), depth[among])
     return depths
+
+
+def bearing_pairs(scene: Scene, history: ContactHistory) -> np.ndarray:
+    """Return which bodies i < j, and bodies and elements, bear on each other: (N, B, B + E) bool."""
+    memory: Any = history.solver
+    found = np.zeros(history.first_time.shape, bool)
+    n, a, b, rows = _remembered(scene, memory)
+    impulse, normal = (rows[:, k : k + 3] for k in (c.R_IMPULSE, c.R_NORMAL))
+    bears = np.einsum("ci,ci->c", impulse, normal) > 0.0
+    found[n[bears], np.minimum(a, b)[bears], np.maximum(a, b)[bears]] = True
+    return found
+
+
+def _remembered(scene, memory):
+    """Return rollout, surfaces a and b, and row of each contact of a `ContactMemory`.
+
+    Surface a is a body, or B + e for element e; b is a body.
+    """
+    n, row = np.nonzero(np.arange(memory.contact.shape[1]) < memory.count[:, None])
+    rows = memory.contact[n, row]
+    surfaces = everyday_world(scene).spots[:, c.SURFACE_OF].astype(np.int64)
+    a, b = (surfaces[rows[:, k].astype(np.int64)] for k in (c.R_PIECE_A, c.R_PIECE_B))
+    return n, a, b, rows

@@ -9,6 +9,7 @@ from ..dynamics import contact_history as histories
 from ..prediction.prediction import Prediction
 from ..prediction.snapshot import Snapshot
 from ..scene.belief import Belief
+from ..scene.contact_world import bearing_pairs
 from ..scene.kinematic_states import with_kinematic
 from ..scene.marks import Mark
 from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, POSITION
@@ -109,7 +110,7 @@ def prediction_from(
     of `compile_time.clock`.
     """
     scene = tracked.scene
-    history = _touching_support(state.carry.contact_history, scene.world, time - tracked.origin)
+    history = _touching_support(state.carry.contact_history, scene, time - tracked.origin)
     state = state._replace(carry=state.carry._replace(contact_history=history))
     now = belief_at(tracked, state, time)
     snapshots = []
@@ -126,13 +127,15 @@ def prediction_from(
     return Prediction(scene, tracked.propagator, tuple(snapshots), now, now, clock() - started)
 
 
-def _touching_support(history, world, time):
+def _touching_support(history, scene, time):
     """Return a history in which only sleeping bodies touch their supports, at a time.
 
     Steps do not search for contacts of sleeping bodies; contacts of awake ones appear in the next step.
     """
-    first = np.full_like(history.first_time, np.inf)
-    if history.solver is not None:
+    first, world = np.full_like(history.first_time, np.inf), scene.world
+    if scene.integrator == "contact":
+        first[bearing_pairs(scene, history)] = time
+    elif history.solver is not None:
         bodies, memory = first.shape[1], history.solver
         still = histories.asleep(history, world) | ~np.asarray(world.bodies.moving, bool)
         n, k = np.nonzero(np.arange(memory.contact.shape[1]) < memory.count[:, None])

@@ -56,7 +56,8 @@ def advanced(tracked: TrackedScene, state: State, step: int) -> State:
         begin = state.carry.step
         steps = min(step, (begin // tracked.piece + 1) * tracked.piece) - begin
         before = state.carry.states
-        carry = advance_rollouts(state.carry, scene, steps)
+        carry = state.carry._replace(contact_history=histories.moved(state.carry.contact_history))
+        carry = advance_rollouts(carry, scene, steps)
         carry, share = add_contact_noise(before, carry, scene, steps, tracked.noise, tracked.propagator.seed)
         if not np.isfinite(carry.states).all():
             raise DivergedError("left the range of numbers; a smaller dt may help", field="tracker")

@@ -102,7 +102,7 @@ class Tracker:
         self._time = number(time, "time")
         _check_tracked(scene, propagator)
         scene = with_stiffness(scene, belief.mean)
-        if scene.integrator == "implicit":
+        if scene.integrator != "explicit":
             scene = replace(scene, sleep=True)
         tracked = TrackedScene(
             scene,
@@ -374,12 +374,6 @@ def _parameter_names(scene):
 def _check_tracked(scene, propagator):
     """Raise `NotSupportedError` for scenes whose members cannot be corrected."""
     check_supported(scene, propagator)
-    if scene.integrator == "contact":
-        raise NotSupportedError(
-            "must be 'implicit' or 'explicit' in a tracker, which does not take 'contact' yet",
-            field="integrator",
-            value=scene.integrator,
-        )
     for parameter in scene.uncertain:
         if parameter.name in ("center_of_mass", "trajectory", "released_at"):
             raise NotSupportedError("cannot be uncertain in a tracker", field=f"{parameter.name}")

@@ -35,10 +35,12 @@ from .columns import (
     R_IMPULSE,
     R_NORMAL,
     R_POINT,
+    R_SINCE,
     RADIUS,
     REMEMBERED,
     ROW0,
     ROWS,
+    SLEEP_AFTER,
     STATE,
     STEP_NUMBER,
     UNKNOWNS,
@@ -136,6 +138,44 @@ class ContactMemory(NamedTuple):
     count: np.ndarray
     quiet: np.ndarray
     key: np.ndarray
+
+    @property
+    def at_rest(self):
+        """(N, B) bool: bodies that have been at rest so long that their groups may sleep."""
+        return self.quiet > SLEEP_AFTER
+
+    def moved(self):
+        """Return the memory after states were changed from outside: all contacts are searched for."""
+        contact = self.contact.copy()
+        contact[..., R_SINCE] = np.inf
+        return self._replace(contact=contact)
+
+    def awake(self, bodies=slice(None)):
+        """Return the memory in which some bodies, by default all, do not rest."""
+        quiet = self.quiet.copy()
+        quiet[:, bodies] = 0.0
+        return self._replace(quiet=quiet)
+
+    def renewed(self, bodies):
+        """Return the memory in which some bodies are awake and have no contacts."""
+        pairs = self.contact[..., R_BODY_A : R_BODY_A + 2]
+        kept = np.arange(self.contact.shape[1]) < self.count[:, None]
+        kept &= ~np.isin(pairs, bodies).any(axis=2)
+        order = np.argsort(~kept, axis=1, kind="stable")
+        contact = np.take_along_axis(self.contact, order[..., None], axis=1)
+        return self._replace(contact=contact, count=kept.sum(axis=1)).awake(bodies)
+
+    def of_bodies(self, bodies):
+        """Return the memory of some bodies alone, without contacts: those are found again."""
+        return fresh_memory(len(self.count), len(bodies))._replace(
+            quiet=np.ascontiguousarray(self.quiet[:, bodies]), key=self.key
+        )
+
+    def with_another_body(self):
+        """Return the memory with one more body after the others, likewise."""
+        new = fresh_memory(len(self.count), self.quiet.shape[1] + 1)
+        new.quiet[:, :-1] = self.quiet
+        return new._replace(key=self.key)
 
 
 def fresh_memory(count: int, bodies: int) -> ContactMemory:

@@ -25,6 +25,7 @@ from .columns import (
     GROUP,
     IMASS,
     IMPULSE,
+    LN,
     LONG,
     MEMBERS,
     MODE,
@@ -52,6 +53,7 @@ from .columns import (
     TURNED,
     VEL,
     VISITS,
+    WARM,
     WAY,
 )
 from .contacts import approach, complete, find, forget, note, remember, spread
@@ -129,7 +131,9 @@ def take_step(before, bodies, begin, end, fresh, actions, own, work):
     for j in range(group_contacts(bodies, n, work.found, C, Y, groups)):
         members = groups[MEMBERS, : members_of(bodies, j, groups)]
         first, last = groups[START, j], groups[START, j + 1]
-        if not _asleep(first, last, members, C, Y, own.par):
+        if _asleep(first, last, members, C, Y, own.par):
+            _bear(first, last, C, end - begin)
+        else:
             _advance(first, last, members, begin, end, fresh, actions, own, work)
     _fly(bodies, begin, end, Y, groups, actions, own)
     end_drives(end, Y, actions, own, work.states)
@@ -274,16 +278,28 @@ def _asleep(first, last, members, C, Y, par):
     for i in members:
         if Y[i, QUIET] <= SLEEP_AFTER:
             return False
+    bears = False
     for k in range(first, last):
         a = int(C[k, BODY_A])
+        bears = bears or C[k, WARM] > 0.0
         if Y[a, REACH] > 0.0 and Y[a, DRIVEN] > 0.0:
             return False
         if C[k, BELT_U + 1] != 0.0 or C[k, BELT_U + 2] != 0.0:
             return False
+    if not bears:  # as after the search of what was moved from outside
+        return False
     for i in members:
         write(Y, i, VEL, (0.0, 0.0, 0.0))
         write(Y, i, SPIN, (0.0, 0.0, 0.0))
     return True
+
+
+@inner
+def _bear(first, last, C, dt):
+    """Note the impulses of contacts that stay as they were."""
+    for k in range(first, last):
+        write(C, k, LN, times(dt, three(C, k, WARM)))
+    note(first, last, C)
 
 
 @inner
