@@ -155,3 +155,18 @@ def test_the_quality_of_a_fine_mesh_needs_little_memory():
         tracemalloc.stop()
     assert len(corners) == 81_920 and loss == pytest.approx(0.01, rel=1e-3)
     assert peak < 5e8
+
+
+def test_a_fine_mesh_of_a_ball_is_one_sphere_and_takes_little_memory():
+    mesh = trimesh.creation.icosphere(subdivisions=5, radius=0.05)
+    solid = make_solid("ball", mesh.vertices + [1.0, 2.0, 3.0], mesh.faces)
+    tracemalloc.start()
+    packing = pack_solid(solid, 600, threads=1)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(packing) == 1 and len(packing.pieces) == 1
+    height = np.linalg.norm(mesh.triangles_center, axis=1).min()  # of the faces
+    assert packing.radii[0] == pytest.approx(height, rel=1e-6)
+    assert packing.centers[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-7)
+    assert packing.extent_loss == pytest.approx(0.05 - height, rel=1e-2)
+    assert most < 300e6  # of 20 480 triangles; a table of all pairs of triangles had 3 GB

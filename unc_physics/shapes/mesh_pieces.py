@@ -17,7 +17,7 @@ from .packing_file import HULL
 from .piece_file import PIECES_LIMIT
 from .pieces import Hull, Piece
 from .recognition import recognized
-from .solid_mesh import SolidMesh, components
+from .solid_mesh import SolidMesh, hull_corners, unique_rows
 from .surface_error import SurfaceError, surface_error
 
 #: Number of pieces of a mesh, if no other number is asked for.
@@ -81,7 +81,7 @@ def simple_pieces(solid: SolidMesh, most: int = PIECES) -> tuple[tuple[Piece, ..
     """
     pieces: list[Piece] = []
     kinds: list[str] = []
-    for corners in _outer_components(solid.corners):
+    for corners in solid.parts:
         found = recognized(corners, most) or _convex(corners)
         if found is None:
             return None
@@ -169,7 +169,7 @@ def hull_piece(points: np.ndarray, tolerance: float) -> Hull:
     """
     from scipy.spatial import ConvexHull
 
-    corners = points[ConvexHull(points).vertices]
+    corners = hull_corners(points)
     if len(corners) <= _CORNERS:
         return Hull(corners)
     chosen = np.unique((corners @ _STARTS.T).argmax(axis=0))
@@ -192,17 +192,8 @@ def _extent(solid):
 
 def measured_pieces(pieces: Sequence[Piece], kind: str, solid: SolidMesh) -> MeshPieces:
     """Return given pieces of a solid with their surface error."""
-    corners = np.concatenate(_outer_components(solid.corners))
-    return MeshPieces(tuple(pieces), kind, surface_error(pieces, corners), _extent(solid))
-
-
-def _outer_components(corners) -> list[np.ndarray]:
-    """Return the triangles (m, 3, 3) of each component that is no cavity."""
-    points, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    label = components(number.reshape(-1, 3), len(points))
-    signed = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    outer = np.flatnonzero(np.bincount(label, weights=signed) > 0.0)
-    return [corners[label == k] for k in outer]
+    error = surface_error(pieces, np.concatenate(solid.parts))
+    return MeshPieces(tuple(pieces), kind, error, _extent(solid))
 
 
 def _convex(corners):
@@ -233,7 +224,7 @@ def _decomposed(solid, most, tolerance, seconds, threads, stop) -> MeshPieces:
     def goes_on():
         return time.monotonic() < end and not (stop is not None and stop.is_set())
 
-    vertices, faces = _simplified(np.concatenate(_outer_components(solid.corners)), _SIMPLIFIED * extent)
+    vertices, faces = _simplified(np.concatenate(solid.parts), _SIMPLIFIED * extent)
     best: MeshPieces | None = None
     limit = REFUSED * extent if tolerance is None else tolerance
     for k, threshold in enumerate(_THRESHOLDS):
@@ -269,8 +260,8 @@ def _hull_or_none(points, tolerance):
 
 def _simplified(corners, tolerance):
     """Return vertices and triangles of a mesh, with fewer of them if manifold3d is installed."""
-    vertices, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    faces = faces.reshape(-1, 3)
+    vertices, number = unique_rows(corners.reshape(-1, 3))
+    faces = number.reshape(-1, 3)
     if find_spec("manifold3d") is not None:
         import manifold3d
 

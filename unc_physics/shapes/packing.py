@@ -31,7 +31,7 @@ from .solid_mesh import SolidMesh
 from .sphere_grid import empty_grid, grown, insert_spheres
 from .supports import SupportSpheres, support_spheres
 from .surface_gap import surface_gap
-from .triangle_tree import build_triangle_tree
+from .triangle_tree import build_triangle_tree, nearest_on_mesh
 
 LEVEL = 0.7  # a level's smallest radius, of its largest
 BATCH = 0.97  # a batch's smallest radius, of its largest
@@ -41,7 +41,7 @@ MIN_STARTS, MAX_STARTS = 32, 200_000  # on the surface in each level, ...
 STARTS_PER_SPHERE = 10  # ... but no more than these for each sphere asked for
 MANY_DIRECTIONS, FEW_DIRECTIONS = 32, 12  # around a sphere; many while there are few spheres
 FEW_SPHERES = 500
-MAX_CELLS = 60_000_000  # of the grid: 240 MB
+CELLS, CELLS_PER_SPHERE = 1_000_000, 4_000  # of the grid, at most: 240 MB for 60 000 spheres
 MAX_LEVELS = 100
 SMALLEST = 1e-7  # of the body's size: gaps below are given up
 _BYTES_PER_SPHERE = 1_000  # of those asked for, with the candidates for their places
@@ -88,7 +88,8 @@ def pack_solid(
     Returns
     -------
     SpherePacking
-        With fewer than ``count`` spheres if no gap was left for a ball of 1e-7 of the body's size.
+        With fewer than ``count`` spheres if no gap was left for a ball of 1e-7 of the body's size. A mesh of
+        a ball, which its ``pieces_kind`` says, has one sphere.
 
     Raises
     ------
@@ -110,16 +111,23 @@ def pack_solid(
     instance(solid, SolidMesh, "solid")
     if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
         raise InvalidOptionError("must be a positive integer", field="number of spheres", value=count)
+    if "pieces" not in about and (simple := simple_pieces(solid)) is not None:
+        about |= {"pieces": simple[0], "pieces_kind": simple[1]}
     require_memory(_BYTES_PER_SPHERE * count, f"packing {count} spheres", "number of spheres", count)
     # A power of two near the size: scaling by it rounds nothing.
     unit = 2.0 ** np.floor(np.log2(solid.bounding_radius))
     corners = solid.corners / unit
-    with GreedyPacker(corners, count, threads or os.cpu_count() or 1) as packer:
-        if supports is not None:
-            packer.put(supports.scaled(1.0 / unit))
-        elif not (largest_first or _is_round(corners, packer.threads)):
-            packer.put(support_spheres(packer.corners, packer.space.tree, int(SUPPORTS * count)))
-        spheres = packer.run(progress, solid.volume / unit**3) * unit
+    if about.get("pieces_kind") == "sphere":
+        center = about["pieces"][0].points[0] / unit
+        distance, *_ = nearest_on_mesh(build_triangle_tree(corners), *center, np.inf)
+        spheres = np.array([[*center, distance]]) * unit
+    else:
+        with GreedyPacker(corners, count, threads or os.cpu_count() or 1) as packer:
+            if supports is not None:
+                packer.put(supports.scaled(1.0 / unit))
+            elif not (largest_first or packer.is_round()):
+                packer.put(support_spheres(packer.corners, packer.space.tree, int(SUPPORTS * count)))
+            spheres = packer.run(progress, solid.volume / unit**3) * unit
     centers, radii = spheres[:, :3], spheres[:, 3]
     reach = spheres_reach(centers, radii) if len(radii) else 0.0
     if len(radii) == 0 or reach > solid.bounding_radius * (1.0 + ROUND_OFF):
@@ -129,8 +137,6 @@ def pack_solid(
             field=f"mesh {solid.name}",
         )
     lengths = prefix_lengths(len(radii))
-    if "pieces" not in about and (simple := simple_pieces(solid)) is not None:
-        about |= {"pieces": simple[0], "pieces_kind": simple[1]}
     return SpherePacking(
         name=solid.name,
         centers=centers,
@@ -148,13 +154,6 @@ def pack_solid(
         sinks=sinks(solid.corners, spheres, lengths),
         **about,
     )
-
-
-def _is_round(corners, threads):
-    """Return whether the largest ball inside a solid has the solid's extent, so that it needs no supports."""
-    with GreedyPacker(corners, 1, threads) as packer:
-        ball = packer.run(None, 1.0)
-        return len(ball) == 1 and extent_losses(corners, ball, np.ones(1, int))[0] < ROUND * packer.size
 
 
 class GreedyPacker:
@@ -187,6 +186,17 @@ class GreedyPacker:
         self.supports = supports
         self.placed = self.put_first = len(supports.spheres)
         self.space.spheres[: self.placed] = supports.spheres
+
+    def is_round(self):
+        """Return whether the largest ball inside has the body's extent, so that it needs no supports."""
+        slack = ROUND * self.size
+        if np.min(self.upper - self.lower) < self.size - 2.0 * slack:
+            return False
+        with GreedyPacker(self.corners, 1, self.threads) as packer:
+            ball = packer.run(None, 1.0)
+        if len(ball) == 0:
+            return False
+        return np.linalg.norm(self.corners - ball[0, :3], axis=2).max() - ball[0, 3] < slack
 
     def run(self, progress, volume):
         """Place the spheres and return them (n, 4), in nested order."""
@@ -262,8 +272,8 @@ class GreedyPacker:
 
     def refine_grid(self, radius):
         """Make the grid of a level with cells as wide as its largest radius, the bound of free distances."""
-        width = radius
-        while np.prod(np.ceil((self.upper - self.lower) / width)) > MAX_CELLS:
+        width, most = radius, max(CELLS, CELLS_PER_SPHERE * len(self.space.spheres))
+        while np.prod(np.ceil((self.upper - self.lower) / width)) > most:
             width *= 1.05
         self.space = self.space._replace(
             grid=None

@@ -8,14 +8,15 @@ import numpy as np
 
 from ..compiler import kernel
 from .distance import even_directions
+from .solid_mesh import unique_rows
 from .triangle_tree import build_triangle_tree, nearest_on_mesh
 
 #: Radius of the ball whose sink is measured [m].
 PROBE = 0.010
 _STEPS = (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0)
 _DIRECTIONS = 4096
-#: Normals of the hull that are used, at most, and heights that are computed at once (128 MB).
-_NORMALS, _AT_ONCE = 8192, 16_000_000
+#: Normals of the hull that are used, at most; heights of its corners along them, all and at once (128 MB).
+_NORMALS, _HEIGHTS, _AT_ONCE = 8192, 200_000_000, 16_000_000
 #: Directions that are improved for each number of spheres, the first and the last turn [rad].
 _IMPROVED, _FIRST_TURN, _LAST_TURN, _SHORTER = 48, 0.05, 2e-4, 0.6
 #: Points and spheres that are known near to such a direction: those that reach farthest there.
@@ -47,7 +48,7 @@ def extent_losses(corners, spheres, lengths) -> np.ndarray:
     """
     points, normals = hull(corners.reshape(-1, 3))
     # a finer hull has no face that the even directions and the search from the best of them would miss
-    normals = normals[:: -(-len(normals) // _NORMALS) or 1]
+    normals = normals[:: -(-len(normals) // min(_NORMALS, _HEIGHTS // len(points))) or 1]
     directions = np.concatenate([even_directions(_DIRECTIONS), normals])
     parts = np.array_split(directions, -(-len(directions) * len(points) // _AT_ONCE))
     reach = np.concatenate([(part @ points.T).max(axis=1) for part in parts])
@@ -182,9 +183,9 @@ def hull(points):
     """Return the corners (h, 3) of the convex hull of points, and its normals (f, 3)."""
     from scipy.spatial import ConvexHull, QhullError
 
-    points = np.unique(points, axis=0)
+    points, _ = unique_rows(points)
     try:
         found = ConvexHull(points)
     except QhullError:  # too flat
         return points, np.empty((0, 3))
-    return points[found.vertices], np.unique(found.equations[:, :3].round(9), axis=0)
+    return points[found.vertices], unique_rows(found.equations[:, :3].round(9))[0]

@@ -14,6 +14,7 @@ import numpy as np
 
 from .pieces import Hull, Piece, box, cylinder
 from .revolution import lathe_pieces
+from .solid_mesh import unique_rows
 
 #: Distance of a mesh's corners from a shape's surface, as a share of the mesh's extent.
 CORNERS = 1e-3
@@ -66,7 +67,7 @@ class _Mesh:
         import trimesh
 
         self.corners = corners
-        self.points = np.unique(corners.reshape(-1, 3), axis=0)
+        self.points = unique_rows(corners.reshape(-1, 3))[0]
         a, b, c = np.moveaxis(corners, 1, 0)
         self.middles = np.concatenate([0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a), (a + b + c) / 3.0])
         self.extent = float(np.ptp(self.points, axis=0).max())
@@ -95,10 +96,10 @@ class _Mesh:
     def large_normals(self, count):
         """Return the normals (count, 3) of the largest areas, each turned to its upper half-space."""
         up = np.where(self.normals[:, [2]] < -1e-9, -self.normals, self.normals)
-        _, member = np.unique(np.round(up, 4), axis=0, return_inverse=True)
-        areas = np.bincount(member.reshape(-1), weights=self.areas)
+        _, member = unique_rows(np.round(up, 4))
+        areas = np.bincount(member, weights=self.areas)
         first = np.argsort(-areas, kind="stable")[:count]
-        return [up[np.flatnonzero(member.reshape(-1) == k)[0]] for k in first if areas[k] > 0.0]
+        return [up[np.flatnonzero(member == k)[0]] for k in first if areas[k] > 0.0]
 
     def refined(self, axis):
         """Return an axis and a point on it, fitted to the sides that are parallel to it, if there are any."""
@@ -235,7 +236,7 @@ def _profile(mesh, axis):
     chord = CHORDS * circle[:, 0].max()
     if not _are_dense(label, np.arctan2(local[:, 1], local[:, 0]), circle, chord):
         return None
-    edges = np.unique(triangles[:, [0, 2]][triangles[:, 0] < triangles[:, 2]], axis=0)
+    edges, _ = unique_rows(triangles[:, [0, 2]][triangles[:, 0] < triangles[:, 2]])
     order = _traced(edges, len(circle))
     if order is None:
         return None
@@ -257,10 +258,10 @@ def _circles(points, same):
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    cells, member = np.unique(np.round(points / same), axis=0, return_inverse=True)
+    cells, member = unique_rows(np.round(points / same))
     near = KDTree(cells).query_pairs(1.5, output_type="ndarray")
     graph = coo_array((np.ones(len(near), np.int8), (near[:, 0], near[:, 1])), shape=(len(cells),) * 2)
-    label = connected_components(graph, directed=False)[1][member.reshape(-1)]
+    label = connected_components(graph, directed=False)[1][member]
     counts = np.bincount(label)
     return np.column_stack([np.bincount(label, weights=axis) / counts for axis in points.T]), label
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import math
 import os
 import re
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,9 @@ import numpy as np
 
 from ..checks.errors import InvalidMeshError, InvalidModelError, UncPhysicsError
 from ..checks.memory import require_memory
+from ..compiler import kernel
+from ..spatial.rotation import cross
+from ..spatial.vectors import dot, minus, triple
 from .packing_file import check_inertia
 
 _BYTES_PER_BYTE = 30.0  # of memory, for each of a mesh's file
@@ -29,6 +34,7 @@ _FACES = 24  # of a component, at which it is checked what is around it
 _UNITES = "(a repair unites the parts with trimesh.boolean.union)"
 _CROSSED = 0.02  # of the surface, that may cross the rest: ears and seams spoil no volume
 _TWICE = 0.01  # of the volume, that may count twice: handles may reach a little into walls
+HULL_CORNERS = 10_000
 _LITTLE = 1e-3  # of the volume, where boxes around two components may overlap
 
 
@@ -57,6 +63,15 @@ class SolidMesh:
     volume: float
     inertia: np.ndarray
     sha256: str
+
+    @cached_property
+    def parts(self) -> list[np.ndarray]:
+        """Triangles (m, 3, 3) of each component that is no cavity [m]."""
+        points, number = unique_rows(self.corners.reshape(-1, 3))
+        label = components(number.reshape(-1, 3), len(points))
+        a, b, c = self.corners.transpose(1, 0, 2)
+        volumes = np.bincount(label, weights=np.einsum("ij,ij->i", a, np.cross(b, c)))
+        return [self.corners[label == k] for k in np.flatnonzero(volumes > 0.0)]
 
     @property
     def bounds(self) -> np.ndarray:
@@ -207,8 +222,8 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
     middle, size, unit = normalization(vertices[used])
     if not size > 0.0:
         raise InvalidMeshError("has no volume: all its vertices are one point")
-    points, same = np.unique((vertices[used] - middle) / unit, axis=0, return_inverse=True)
-    faces = same.reshape(-1)[faces.reshape(-1, 3)]
+    points, same = unique_rows((vertices[used] - middle) / unit)
+    faces = same[faces.reshape(-1, 3)]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     check_closed(faces)
     check_outside_out(points, faces)
@@ -249,9 +264,10 @@ def normalization(points):
 def edge_balance(faces):
     """Return for each undirected edge its number of triangles, and the difference between its directions."""
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    forward = edges[:, 0] < edges[:, 1]
-    _, index, uses = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
-    return uses, np.bincount(index.reshape(-1), weights=np.where(forward, 1.0, -1.0))
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    number = low * (int(edges.max()) + 1) + high
+    _, index, uses = np.unique(number, return_inverse=True, return_counts=True)
+    return uses, np.bincount(index, weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
 
 
 def check_closed(faces):
@@ -394,23 +410,46 @@ def components(faces, count):
     return connected_components(graph, directed=False)[1]
 
 
+def unique_rows(rows):
+    """Return the distinct rows in lexicographic order, and the number of each row among them.
+
+    `numpy.unique` does the same in four times the time.
+    """
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
+    new = np.append(True, np.any(ordered[1:] != ordered[:-1], axis=1))
+    number = np.empty(len(rows), np.int64)
+    number[order] = np.cumsum(new) - 1
+    return ordered[new], number
+
+
+def hull_corners(points):
+    """Return corners (n, 3) of the convex hull of points; of more than `HULL_CORNERS`, evenly chosen ones.
+
+    Round bodies have so many. Their hull shrinks by less than 1e-4 of their size.
+    Raises `scipy.spatial.QhullError` if the points are in a plane.
+    """
+    from scipy.spatial import ConvexHull
+
+    corners = points[ConvexHull(points).vertices]
+    return corners[:: -(-len(corners) // HULL_CORNERS)]
+
+
+@kernel
 def winding_number(corners, probes):
     """Return the winding numbers of a closed surface about some points.
 
     They are sums of solid angles (Van Oosterom and Strackee 1983).
     """
-    total = np.empty(len(probes))
-    for i, probe in enumerate(probes):
-        a, b, c = (corners - probe).transpose(1, 0, 2)
-        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-        numerator = np.einsum("ij,ij->i", a, np.cross(b, c))
-        denominator = (
-            la * lb * lc
-            + np.einsum("ij,ij->i", a, b) * lc
-            + np.einsum("ij,ij->i", b, c) * la
-            + np.einsum("ij,ij->i", c, a) * lb
-        )
-        total[i] = np.sum(np.arctan2(numerator, denominator)) / (2.0 * np.pi)
+    total = np.zeros(len(probes))
+    for i in range(len(probes)):
+        probe = triple(probes[i], 0)
+        for k in range(len(corners)):
+            a, b = minus(triple(corners[k, 0], 0), probe), minus(triple(corners[k, 1], 0), probe)
+            c = minus(triple(corners[k, 2], 0), probe)
+            la, lb, lc = math.sqrt(dot(a, a)), math.sqrt(dot(b, b)), math.sqrt(dot(c, c))
+            along = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+            total[i] += math.atan2(dot(a, cross(b, c)), along) / (2.0 * math.pi)
     return total
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .distance import even_directions
-from .solid_mesh import winding_number
+from .solid_mesh import HULL_CORNERS, hull_corners, unique_rows, winding_number
 from .triangle_tree import nearest_on_mesh
 
 # Shares of the hull's size:
@@ -84,8 +84,8 @@ def hull_faces(points) -> tuple[list[Face], float]:
     graph = coo_array((np.ones(same.sum(), np.int8), (one[same], other[same])), shape=(count, count))
     labels = connected_components(graph, directed=False)[1]
     faces = []
-    for label in range(labels.max() + 1):
-        members = np.flatnonzero(labels == label)
+    ends = np.cumsum(np.bincount(labels))[:-1]
+    for members in np.split(np.argsort(labels, kind="stable"), ends):
         faces.append(_face(equations[members[0], :3], points[np.unique(found.simplices[members])]))
     return faces, float(np.cbrt(found.volume))
 
@@ -309,7 +309,9 @@ def support_spheres(corners, tree, most) -> SupportSpheres:
 
     ``corners`` (m, 3, 3) are those of the mesh's triangles about the centre of mass, which ``tree`` has, too.
     """
-    points = np.unique(corners.reshape(-1, 3), axis=0)
+    points, _ = unique_rows(corners.reshape(-1, 3))
+    if len(points) > HULL_CORNERS:
+        points = hull_corners(points)
     faces, size = hull_faces(points)
     if not faces or most < 4:
         return SupportSpheres(np.empty((0, 4)), np.empty((0, 3)), np.empty(0))
@@ -351,7 +353,10 @@ class _SphereFit:
     """Fits a sphere to each place, by linear programmes in its centre and radius."""
 
     def __init__(self, corners, tree, faces, resting, size):
+        from scipy.spatial import KDTree
+
         self.corners, self.tree, self.size = corners, tree, size
+        self.nearest = KDTree(corners.reshape(-1, 3))
         self.far = 4.0 * float(np.abs(corners).max())
         self.normals = np.array([face.normal for face in faces])
         self.heights = np.array([face.height for face in faces])
@@ -425,8 +430,8 @@ class _SphereFit:
     def start(self, place):
         """Return a free point inside the mesh close to a place of its surface; None if none was found."""
         _, *q = nearest_on_mesh(self.tree, *place, self.far)
-        near = np.linalg.norm(self.corners - place, axis=2).min(axis=1)
-        incident = self.corners[near <= near.min() + 1e-9 * self.size]
+        near = self.nearest.query_ball_point(place, self.nearest.query(place)[0] + 1e-9 * self.size)
+        incident = self.corners[np.unique(np.array(near) // 3)]
         cross = np.cross(incident[:, 1] - incident[:, 0], incident[:, 2] - incident[:, 0])
         ways = [-cross / np.linalg.norm(cross, axis=1, keepdims=True).clip(1e-30), -place[None]]
         ways = [way.sum(axis=0) for way in ways]
