@@ -291,7 +291,7 @@ def depths_of_pairs(scene: Scene, states: np.ndarray) -> np.ndarray:
     ((_, _, found),) = recorded(still, history.first_time, memory, world, own, 0, stops)
     depths = np.zeros(history.first_time.shape)
     n, a, b, rows = _remembered(scene, found)
-    depth = np.maximum(-rows[:, c.R_GAP], 0.0)
+    depth = np.maximum(-rows[:, c.GAP0], 0.0)
     np.maximum.at(depths, (n, b, a), depth)
     among = a < bodies
     np.maximum.at(depths, (n[among], a[among], b[among]), depth[among])
@@ -303,7 +303,7 @@ def bearing_pairs(scene: Scene, history: ContactHistory) -> np.ndarray:
     memory: Any = history.solver
     found = np.zeros(history.first_time.shape, bool)
     n, a, b, rows = _remembered(scene, memory)
-    impulse, normal = (rows[:, k : k + 3] for k in (c.R_IMPULSE, c.R_NORMAL))
+    impulse, normal = (rows[:, k : k + 3] for k in (c.IMPULSE, c.NORMAL))
     bears = np.einsum("ci,ci->c", impulse, normal) > 0.0
     found[n[bears], np.minimum(a, b)[bears], np.maximum(a, b)[bears]] = True
     return found
@@ -317,5 +317,5 @@ def _remembered(scene, memory):
     n, row = np.nonzero(np.arange(memory.contact.shape[1]) < memory.count[:, None])
     rows = memory.contact[n, row]
     surfaces = everyday_world(scene).spots[:, c.SURFACE_OF].astype(np.int64)
-    a, b = (surfaces[rows[:, k].astype(np.int64)] for k in (c.R_PIECE_A, c.R_PIECE_B))
+    a, b = (surfaces[rows[:, k].astype(np.int64)] for k in (c.PIECE_A, c.PIECE_B))
     return n, a, b, rows

@@ -119,7 +119,7 @@ def reduce(out, first, last, most, lean, load):
     for c in range(1, most):
         p, n = triple(out[found], POINT), triple(out[found], NORMAL)
         best, leaves = -math.inf, found
-        if c == 1 and length > 0.0:
+        if c == 1 and length * length > _ACROSS * dot(lean, lean):
             for k in range(first, last):
                 d = minus(triple(out[k], POINT), load)
                 t, h = dot(d, along) / length, dot(d, n)
@@ -137,7 +137,7 @@ def reduce(out, first, last, most, lean, load):
             value = out[k, FARNESS] - wide * wide
             if value > best * (1.0 + 1e-4) + _TIE:
                 best, farthest = value, k
-        if out[found, FARNESS] == _KEPT:
+        if out[found, FARNESS] <= _TIE:  # kept, or in the place of one that is
             found = farthest
         out[found, FARNESS] = _KEPT
     end = first

@@ -45,42 +45,36 @@ SOME = 5  # scratch: a list of pieces
 SPOT = 6
 
 # ---- contacts; a is the body with the smaller number, except that one that does not move freely is a
-NORMAL, TAN1, TAN2 = 0, 3, 6  # normal from a to b, tangents
-GAP0, GAP = 9, 10  # at the search, now
-LEVER_A, LEVER_B = (
-    11,
-    14,
-)  # from the centres of mass to the cores at the search; of LATHE ones from their axis
-RHO_A, RHO_B, LATHE_A, LATHE_B = 17, 18, 19, 20  # roundings; whether turns about AXIS move it
-JA, JB, IA, IB = 21, 30, 39, 48  # lever x (normal, tangents); inverse inertia times these
-MASS_N, MASS_T, K11, K12, K22 = 57, 58, 59, 60, 61  # effective masses: normal, least and 2 x 2 tangential
-LN, L1, L2 = 62, 63, 64  # impulses along normal and tangents
-WARM = 65  # forces to start from
-MU, MU0, E = 68, 69, 70  # friction now, in sliding; restitution
-MODE, REBOUND = 71, 72  # see `solve.sweep`; wanted normal speed after an impact
-BELT_U, SURFACE_U = 73, 76  # velocity of a's surface along normal and tangents: belt alone, all that is given
-BODY_A, BODY_B, PIECE_A, PIECE_B = 79, 80, 81, 82
-BEFORE = 83  # impulses before a sweep; the first also those of `solve.push_out`
-RIM_A, RIM_B = 86, 87  # whether it is the lathe's farthest point, which travels along the rim as it tilts
-FACE_OF = 88  # whose face the other body's point touches, and with which the normal turns: 1 a, 2 b, 0 none
-TWIST = 89  # most moment about the normal per normal force [m]
-ROLL = 90  # most moment across the normal per normal force [m]
-SINCE = 97  # ways of both bodies' farthest points since its search [m]
-IMPULSE = 98  # of the whole step, world axes
-SAVED = 101  # normal and tangents while an impact's error turns them
-SURFACE_A, SURFACE_B = 110, 111  # numbers of materials: a body's, or B + e of element e
-STRUCK = 112  # impacts in this step
-POINTED, EDGE = 113, 114  # 1 between corners or edges; direction of the edge, if any, at the search: b's at 2
-MOMENT, WARM_MOMENT = 117, 120  # impulses of moments about normal and tangents; moments to start from
-COLS = 123
-
-# ---- contacts that are remembered between steps, and that callers read
-(R_NORMAL, R_GAP, R_LEVER_A, R_LEVER_B, R_WARM, R_MOMENT) = (0, 3, 4, 7, 10, 13)  # as in ``C``
-(R_BODY_A, R_BODY_B, R_PIECE_A, R_PIECE_B, R_FACE_OF, R_RIM_A, R_RIM_B, R_SINCE) = range(16, 24)
-R_POINT, R_IMPULSE = 24, 27  # middle of the gap, and the last step's impulse on b, world axes
-R_POINTED = 30  # as POINTED and EDGE
-R_LATHE_A = 34
-REMEMBERED = 36
+# what is remembered between steps, and what callers read
+GAP0 = 0  # at the search
+LEVER_A, LEVER_B = 1, 4  # then, from the centres of mass to the cores; of LATHE ones from their axis
+WARM, WARM_MOMENT = 7, 10  # forces along normal and tangents to start from; moments about these
+BODY_A, BODY_B, PIECE_A, PIECE_B = 13, 14, 15, 16
+FACE_OF = 17  # whose face the other body's point touches, and with which the normal turns: 1 a, 2 b, 0 none
+RIM_A, RIM_B = 18, 19  # whether it is the lathe's farthest point, which travels along the rim as it tilts
+SINCE = 20  # ways of both bodies' farthest points since its search [m]
+POINT, IMPULSE = 21, 24  # middle of the gap, after a step; impulse on b of the whole step; world axes
+POINTED, EDGE = 27, 28  # 1 between corners or edges; direction of the edge, if any, at the search: b's at 2
+LATHE_A, LATHE_B = 31, 32  # whether turns about AXIS move it
+MODE = 33  # see `solve.sweep`; of rows of the step before: whether used
+NORMAL = 34  # from a to b
+REMEMBERED = 37
+# what a step adds; the tangents follow the normal
+TAN1, TAN2 = 37, 40
+GAP, REBOUND = 43, 44  # now; wanted normal speed after an impact
+LN, L1, L2 = 45, 46, 47  # impulses along normal and tangents
+MASS_N, MASS_T, K11, K12, K22 = 48, 49, 50, 51, 52  # effective masses: normal, least and 2 x 2 tangential
+MU, MU0, E = 53, 54, 55  # friction now, in sliding; restitution
+TWIST, ROLL = 56, 57  # most moment about and across the normal per normal force [m]
+BELT_U, SURFACE_U = 58, 61  # velocity of a's surface along normal and tangents: belt alone, all that is given
+JB, IB, JA, IA = 64, 73, 82, 91  # lever x (normal, tangents); inverse inertia times these
+BEFORE = 100  # impulses before a sweep; the first also those of `solve.push_out`
+MOMENT = 103  # impulses of moments about normal and tangents
+RHO_A, RHO_B = 106, 107  # roundings
+SAVED = 108  # normal and tangents while an impact's error turns them
+SURFACE_A, SURFACE_B = 117, 118  # numbers of materials: a body's, or B + e of element e
+STRUCK = 119  # impacts in this step
+COLS = 120
 
 # ---- pairs of bodies
 CLEAR = 0  # no contact before the bodies' TRAVEL adds up to this

@@ -28,13 +28,11 @@ from ...spatial.rotation import cross
 from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
     ARM_BEFORE,
-    BEFORE,
     BELT_U,
     BODY_A,
     BODY_B,
     CENTRE,
     CLEAR,
-    COLS,
     DRIFT,
     DRIVEN,
     EDGE,
@@ -79,23 +77,11 @@ from .columns import (
     PAIR_B,
     PIECE_A,
     PIECE_B,
+    POINT,
     POINTED,
-    R_BODY_A,
-    R_FACE_OF,
-    R_GAP,
-    R_IMPULSE,
-    R_LATHE_A,
-    R_LEVER_A,
-    R_LEVER_B,
-    R_MOMENT,
-    R_NORMAL,
-    R_POINT,
-    R_POINTED,
-    R_RIM_A,
-    R_SINCE,
-    R_WARM,
     RADIUS,
     REACH,
+    REMEMBERED,
     RESTITUTION,
     RHO_A,
     RHO_B,
@@ -331,7 +317,7 @@ def _pair(a, b, far, dt, n, Y, solids, C, old, search, count):
         return FULL
     if had > 0 and old[first, SINCE] < STILL:
         for j in range(first, first + had):
-            for x in range(COLS):
+            for x in range(REMEMBERED):
                 C[n, x] = old[j, x]
             n += 1
         return n
@@ -354,25 +340,25 @@ def _without_ghosts(first, n, Y, solids, C):
     As `search` does within a pair of bodies.
     """
     for k in range(first, n):
-        C[k, BEFORE] = 0.0
+        C[k, MODE] = 0.0
     for k in range(first, n):
         pa, pb = int(C[k, PIECE_A]), int(C[k, PIECE_B])
         for j in range(first, n):
             e = three(C, j, NORMAL)
             same = C[j, BODY_A] == C[k, BODY_A] or dot(e, three(C, k, NORMAL)) >= 1.0 - 1e-9
-            if same or C[j, BEFORE] > 0.0 or C[j, GAP0] >= C[k, GAP0] + GHOST:
+            if same or C[j, MODE] > 0.0 or C[j, GAP0] >= C[k, GAP0] + GHOST:
                 continue
             if solids.pieces[pa, KIND] != HALF_SPACE:
                 base = three(Y, int(C[k, BODY_B]), CENTRE)
                 apart = gap_along(pa, pb, e, base, Y, solids.pieces, solids.rows)
                 if apart > min(C[j, GAP0], 0.0) - GHOST:
-                    C[k, BEFORE] = 1.0
+                    C[k, MODE] = 1.0
                     break
     m = first
     for k in range(first, n):
-        if C[k, BEFORE] == 0.0:
+        if C[k, MODE] == 0.0:
             if m < k:
-                for x in range(COLS):
+                for x in range(REMEMBERED):
                     C[m, x] = C[k, x]
             m += 1
     return m
@@ -692,41 +678,22 @@ def forget(n, C, search):
 def store(n, C, Y, out):
     """Write contacts into rows of `columns.REMEMBERED` floats."""
     for k in range(n):
-        for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
-            write(out, k, at, three(C, k, of))
-        write(out, k, R_MOMENT, three(C, k, WARM_MOMENT))
-        write(out, k, R_POINTED + 1, three(C, k, EDGE))
-        out[k, R_POINTED] = C[k, POINTED]
-        write(out, k, R_IMPULSE, three(C, k, IMPULSE))
-        for x in range(4):
-            out[k, R_BODY_A + x] = C[k, BODY_A + x]
-        out[k, R_GAP], out[k, R_SINCE] = C[k, GAP0], C[k, SINCE]
-        for x in range(2):
-            out[k, R_RIM_A + x], out[k, R_LATHE_A + x] = C[k, RIM_A + x], C[k, LATHE_A + x]
-        out[k, R_FACE_OF] = C[k, FACE_OF]
         b, n_ = int(C[k, BODY_B]), three(C, k, NORMAL)
         r = three(C, k, LEVER_B)
         if C[k, LATHE_B] > 0.0:
             r = plus(r, roll_arm(Y, b))
         r = minus(r, times(C[k, RHO_B] + 0.5 * C[k, GAP0], n_))
-        write(out, k, R_POINT, plus(three(Y, b, CENTRE), r))
+        write(C, k, POINT, plus(three(Y, b, CENTRE), r))
+        for x in range(REMEMBERED):
+            out[k, x] = C[k, x]
 
 
 @inner(noinline=True)
 def restore(n, rows, C, Y, solids, surface, materials, search):
     """Read contacts from rows that `store` has written."""
     for k in range(n):
-        for at, of in ((R_NORMAL, NORMAL), (R_LEVER_A, LEVER_A), (R_LEVER_B, LEVER_B), (R_WARM, WARM)):
-            write(C, k, of, three(rows, k, at))
-        write(C, k, WARM_MOMENT, three(rows, k, R_MOMENT))
-        write(C, k, EDGE, three(rows, k, R_POINTED + 1))
-        C[k, POINTED] = rows[k, R_POINTED]
-        for x in range(4):
-            C[k, BODY_A + x] = rows[k, R_BODY_A + x]
-        C[k, GAP0], C[k, SINCE] = rows[k, R_GAP], rows[k, R_SINCE]
-        for x in range(2):
-            C[k, RIM_A + x], C[k, LATHE_A + x] = rows[k, R_RIM_A + x], rows[k, R_LATHE_A + x]
-        C[k, FACE_OF] = rows[k, R_FACE_OF]
+        for x in range(REMEMBERED):
+            C[k, x] = rows[k, x]
         _complete(C, k, Y, solids, surface, materials)
-        write(C, k, IMPULSE, three(rows, k, R_IMPULSE))
+        write(C, k, IMPULSE, three(rows, k, IMPULSE))
         _index(k, C, search.pairs)

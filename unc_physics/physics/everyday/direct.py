@@ -45,7 +45,7 @@ _PULL, _ABOVE, _CLOSES = 1e-9, 1e-9, 1e-7  # round-off of impulses, of the cone,
 def _effect(C, j, k, x, y, Y):
     """Return the speed along direction x at contact j by a unit impulse along direction y at contact k."""
     aj, bj, ak, bk = int(C[j, BODY_A]), int(C[j, BODY_B]), int(C[k, BODY_A]), int(C[k, BODY_B])
-    g, d = 0.0, dot(three(C, j, 3 * x), three(C, k, 3 * y))
+    g, d = 0.0, dot(three(C, j, NORMAL + 3 * x), three(C, k, NORMAL + 3 * y))
     if bj == bk:
         g += d * Y[bj, IMASS] + dot(three(C, j, JB + 3 * x), three(C, k, IB + 3 * y))
     if aj == ak and Y[aj, IMASS] > 0.0:
@@ -112,7 +112,7 @@ def _equations(first, last, C, Y, h, A):
         r, a, b = int(A[UNKNOWNS, j - first]), int(C[j, BODY_A]), int(C[j, BODY_B])
         w = minus(three(Y, b, VEL), three(Y, a, VEL))
         for x in range(3 if C[j, MODE] == STICKS else 1):
-            u = dot(three(C, j, 3 * x), w) + dot(three(C, j, JB + 3 * x), three(Y, b, SPIN))
+            u = dot(three(C, j, NORMAL + 3 * x), w) + dot(three(C, j, JB + 3 * x), three(Y, b, SPIN))
             u -= C[j, SURFACE_U + x]
             if Y[a, IMASS] > 0.0:
                 u -= dot(three(C, j, JA + 3 * x), three(Y, a, SPIN))

@@ -21,25 +21,24 @@ from .columns import (
     COLS,
     COUNTS,
     FRAME,
+    GAP0,
     GRAVITY,
     GROUPS,
     IBODY,
     IMASS,
+    IMPULSE,
     INERTIA,
+    NORMAL,
     OFFSET,
     OWN_IMASS,
     PART,
+    POINT,
     QUIET,
-    R_BODY_A,
-    R_GAP,
-    R_IMPULSE,
-    R_NORMAL,
-    R_POINT,
-    R_SINCE,
     RADIUS,
     REMEMBERED,
     ROW0,
     ROWS,
+    SINCE,
     SLEEP_AFTER,
     STATE,
     STEP_NUMBER,
@@ -147,7 +146,7 @@ class ContactMemory(NamedTuple):
     def moved(self):
         """Return the memory after states were changed from outside: all contacts are searched for."""
         contact = self.contact.copy()
-        contact[..., R_SINCE] = np.inf
+        contact[..., SINCE] = np.inf
         return self._replace(contact=contact)
 
     def awake(self, bodies=slice(None)):
@@ -158,7 +157,7 @@ class ContactMemory(NamedTuple):
 
     def renewed(self, bodies):
         """Return the memory in which some bodies are awake and have no contacts."""
-        pairs = self.contact[..., R_BODY_A : R_BODY_A + 2]
+        pairs = self.contact[..., BODY_A : BODY_A + 2]
         kept = np.arange(self.contact.shape[1]) < self.count[:, None]
         kept &= ~np.isin(pairs, bodies).any(axis=2)
         order = np.argsort(~kept, axis=1, kind="stable")
@@ -216,11 +215,11 @@ def contacts_of(memory: ContactMemory, rollout: int) -> Contacts:
     """Return the contacts of a rollout's last step as data."""
     rows = memory.contact[rollout, : memory.count[rollout]]
     return Contacts(
-        rows[:, R_BODY_A : R_BODY_A + 2].astype(np.int64),
-        rows[:, R_POINT : R_POINT + 3],
-        rows[:, R_NORMAL : R_NORMAL + 3],
-        rows[:, R_GAP],
-        rows[:, R_IMPULSE : R_IMPULSE + 3],
+        rows[:, BODY_A : BODY_A + 2].astype(np.int64),
+        rows[:, POINT : POINT + 3],
+        rows[:, NORMAL : NORMAL + 3],
+        rows[:, GAP0],
+        rows[:, IMPULSE : IMPULSE + 3],
     )
 
 
@@ -244,7 +243,7 @@ def _work(world, room, lists, count):
     bodies = len(world.bodies)
     return Work(
         empty((bodies, BODY)),
-        zeros((room, COLS)),
+        zeros((room, REMEMBERED)),
         zeros((room, COLS)),
         integers((GROUPS, bodies + 2)),
         empty((UNKNOWNS + 1, UNKNOWNS + 1)),
@@ -321,21 +320,12 @@ def _save(n, x, rows, quiet, world, work):
     store(n, work.C, work.Y, rows)
 
 
-@kernel
-def _step_through(contacts, number, begin, end, first_time, world, own, work):
-    """Take a step in parts between which bodies are attached or released; return contacts and arrays."""
-    now, part = begin, 0
-    while now < end:
-        then = next_change(now, end, world.actions, own.held)
-        own.par[STEP_NUMBER], own.par[PART] = number, part
-        n = take_step(contacts, world.count, now, then, number == 0, world.actions, own, work)
-        while n == FULL:
-            work = _larger(contacts, world, work)
-            n = take_step(contacts, world.count, now, then, number == 0, world.actions, own, work)
-        contacts = n
-        note_contacts(n, world.count, end, work.C, first_time)
-        now, part = then, part + 1
-    return contacts, work
+@inner
+def _copy(values, out):
+    """Copy an array of two axes."""
+    for i in range(values.shape[0]):
+        for c in range(values.shape[1]):
+            out[i, c] = values[i, c]
 
 
 @kernel
@@ -361,41 +351,44 @@ def advance(states, first_time, memory, world, variation, place_in, begin, stops
         if contacts > len(work.C):
             work = _work(world, 2 * contacts, len(work.search.near), count)
         _load(states[n], memory.contact[n], contacts, memory.quiet[n], m, world, variation, own, work)
-        for i in range(B):
-            for c in range(first_time.shape[2]):
-                kept_first[i, c] = first_time[n, i, c]
+        _copy(first_time[n], kept_first)
         done = 0
         for t in range(len(stops.steps)):
-            while done < stops.steps[t]:
-                at = world.start + (begin + done) * world.dt
-                contacts, work = _step_through(
-                    contacts, begin + done, at, at + world.dt, kept_first, world, own, work
-                )
+            first, kept = result.first_time[t, n], 0
+            rest = 1 if stops.rest[t] > 0.0 else 0  # a shorter step more, from which nothing goes on
+            while done < stops.steps[t] + rest:
+                now, part = world.start + (begin + done) * world.dt, 0
+                end, times = now + world.dt, kept_first
+                if done == stops.steps[t]:
+                    most, kept = max(most, contacts), contacts
+                    if most > room:
+                        return most
+                    _save(contacts, kept_x, kept_rows, kept_quiet, world, work)
+                    _copy(kept_first, first)
+                    end, times = now + stops.rest[t], first
+                while now < end:  # in parts between which bodies are attached or released
+                    then = next_change(now, end, world.actions, own.held)
+                    par[STEP_NUMBER], par[PART] = begin + done, part
+                    found = take_step(contacts, B, now, then, begin + done == 0, world.actions, own, work)
+                    if found == FULL:
+                        work = _larger(contacts, world, work)
+                        continue
+                    contacts = found
+                    note_contacts(contacts, B, end, work.C, times)
+                    now, part = then, part + 1
                 done += 1
                 if world.stop[0] != 0:
                     return most
             most = max(most, contacts)
             if most > room:
                 return most
-            x, rows, quiet = result.states[t, n], result.contact[t, n], result.quiet[t, n]
-            first = result.first_time[t, n]
-            _save(contacts, x, rows, quiet, world, work)
+            _save(contacts, result.states[t, n], result.contact[t, n], result.quiet[t, n], world, work)
             result.count[t, n] = contacts
-            for i in range(B):
-                for c in range(first.shape[1]):
-                    first[i, c] = kept_first[i, c]
-            if stops.rest[t] > 0.0:  # a shorter step, from which nothing goes on
-                _save(contacts, kept_x, kept_rows, kept_quiet, world, work)
-                at = world.start + (begin + done) * world.dt
-                short, work = _step_through(
-                    contacts, begin + done, at, at + stops.rest[t], first, world, own, work
-                )
-                most = max(most, short)
-                if most > room:
-                    return most
-                _save(short, x, rows, quiet, world, work)
-                result.count[t, n] = short
+            if rest > 0:
+                done, contacts = done - 1, kept
                 _load(kept_x, kept_rows, contacts, kept_quiet, m, world, variation, own, work)
+            else:
+                _copy(kept_first, first)
     return most
 
 

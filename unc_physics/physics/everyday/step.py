@@ -84,7 +84,7 @@ class Work(NamedTuple):
     """Arrays that a rollout works with; `columns` names their columns."""
 
     Y: np.ndarray  # (nb, BODY)
-    found: np.ndarray  # (rooms, COLS): contacts as the search finds them
+    found: np.ndarray  # (rooms, REMEMBERED): contacts as the search finds them
     C: np.ndarray  # (rooms, COLS): contacts by groups; after a step those of the step
     groups: np.ndarray  # (GROUPS, nb + 2) int64
     matrix: np.ndarray  # (UNKNOWNS + 1, UNKNOWNS + 1): scratch of the direct solution
@@ -124,11 +124,12 @@ def take_step(before, bodies, begin, end, fresh, actions, own, work):
     n = find(bodies, end - begin, before, Y, solids, work.found, C, work.search, work.count)
     if n == FULL:
         return FULL
-    complete(n, work.found, Y, solids, actions.surface, own.materials)
     work.count[CONTACTS] += n
     forget(before, C, work.search)
     _start(bodies, Y)
-    for j in range(group_contacts(bodies, n, work.found, C, Y, groups)):
+    number = group_contacts(bodies, n, work.found, C, Y, groups)
+    complete(n, C, Y, solids, actions.surface, own.materials)
+    for j in range(number):
         members = groups[MEMBERS, : members_of(bodies, j, groups)]
         first, last = groups[START, j], groups[START, j + 1]
         if _asleep(first, last, members, C, Y, own.par):
