@@ -1,7 +1,16 @@
 """The service `~/predict`, over real DDS, from another process."""
 
 import numpy as np
-from scenes import assert_answered, explicit, good_request, position_of, with_physics
+from scenes import (
+    assert_answered,
+    assert_same,
+    explicit,
+    good_request,
+    moving_object,
+    position_of,
+    request_of,
+    with_physics,
+)
 from shape_msgs.msg import Plane
 
 from unc_physics.checks.errors import ErrorCode
@@ -25,6 +34,20 @@ def test_the_explicit_step_computes_what_rests(predict):
     assert not response.prediction.physics.sleep
     refused = predict(with_physics(request, sleep=True)).result
     assert refused.error_code == ErrorCode.INVALID_OPTION and "sleep" in refused.error_msg
+
+
+def test_the_step_over_exact_shapes_is_served(predict):
+    cans = [moving_object(f"can{k}", "can", (0.0, 0.0, 0.2 + 0.2 * k), spheres=0) for k in range(2)]
+    request = request_of(*cans, return_probabilities=True, seed=3)
+    request.scene.environment.elements = [EnvironmentElement(plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))]
+    request = with_physics(request, integrator="contact", gravity=(0.0, 0.0, -9.81))
+    response = predict(request)
+    assert_answered(response)
+    assert response.prediction.physics_summary.startswith("contact, dt 0.0041667 s, gravity")
+    assert response.prediction.physics.integrator == "contact"
+    again = with_physics(request)
+    again.physics = response.prediction.physics  # may be sent back as it is
+    assert_same(predict(again), response)
 
 
 def test_a_trajectory(predict):

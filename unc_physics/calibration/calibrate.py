@@ -153,7 +153,7 @@ def calibrate(
     ----------
     motions : sequence of Motion
     scene : Scene
-        One body and its surroundings, with the implicit integrator; its values are the medians of the priors.
+        One body and its surroundings, not with the explicit integrator; its values are the priors' medians.
     fit : sequence of str, optional
         Names of what is fitted (`adjustable.adjustables`); by default all but laws of impacts that the scene
         lacks (`adjustable.fitted_by_default`).
@@ -174,8 +174,12 @@ def calibrate(
     InvalidOptionError, InvalidRequestError, NotSupportedError
     """
     _require_scipy()
-    if scene.integrator != "implicit":
-        raise NotSupportedError("needs the implicit integrator", field="integrator", value=scene.integrator)
+    if scene.integrator == "explicit":
+        raise NotSupportedError(
+            "must be 'implicit' or 'contact'; 'explicit' has no friction",
+            field="integrator",
+            value="explicit",
+        )
     adjusted = chosen(scene, fitted_by_default(scene) if fit is None else fit)
     evaluations = integer(evaluations, "evaluations", low=4 * len(adjusted))
     found = recorded(motions, scene, times)

@@ -163,7 +163,7 @@ def settle_detected(
             pass  # reported when the scene is read
     skipped = _duplicates(scene.objects, bodies)
     kept = [own for own in scene.objects if own.id not in skipped]
-    if length > 0.0 and settings.integrator == "implicit":
+    if length > 0.0 and settings.integrator != "explicit":
         open_ones = {
             own.id: own
             for own in kept

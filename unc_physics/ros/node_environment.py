@@ -52,7 +52,7 @@ class NodeEnvironment:
 
     def is_missing(self, settings) -> bool:
         """Return whether objects would fall for ever with a node's settings, as nothing has set it."""
-        return settings.integrator == "implicit" and any(settings.gravity) and not self.is_set
+        return settings.integrator != "explicit" and any(settings.gravity) and not self.is_set
 
     def check_set(self, settings, objects: str) -> None:
         """Raise `InvalidEnvironmentError` if it is missing; ``objects`` says which objects would fall."""

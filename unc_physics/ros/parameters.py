@@ -25,7 +25,7 @@ from ..prediction.diagnosis import compared_rollouts
 from ..propagators.names import ANYTIME, DEFAULT, REFERENCE
 from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
-from ..scene.physics_keys import COMMON_INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
+from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
 from ..scene.presets import PRESETS, certain, with_changes
 from ..scene.stiffness import AUTO
 from .messages.scene import CovarianceDefaults
@@ -104,7 +104,7 @@ class Settings:
         " restitution are those of unknown household objects where they are not set.",
     )
     gyroscopic: bool = physics_key("gyroscopic")
-    integrator: str = physics_key("integrator", choices=COMMON_INTEGRATORS)
+    integrator: str = physics_key("integrator", choices=INTEGRATORS)
     sleep: bool = physics_key("sleep", True)
     overlap: str = parameter(
         _AUTO_OVERLAP,
@@ -384,7 +384,7 @@ class Settings:
         """Physics of the scenes, as arguments of `Scene`."""
         overlap = None if self.overlap == _AUTO_OVERLAP else self.overlap
         given = {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)}
-        given |= {"overlap": overlap, "sleep": self.sleep and self.integrator == "implicit"}
+        given |= {"overlap": overlap, "sleep": self.sleep and self.integrator != "explicit"}
         # a friction or restitution that was set is exact
         unchanged = [key for key in ("friction", "restitution") if getattr(self, key) == _EVERYDAY[key]]
         changes = {key: value for key, value in given.items() if key not in unchanged}

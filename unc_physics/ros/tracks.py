@@ -501,7 +501,7 @@ class Tracks:
         """Return an object with the number of spheres that it would have among other objects."""
         if not state.model or state.spheres:
             return state
-        default = AUTO if settings.integrator == "implicit" else None
+        default = AUTO if settings.integrator != "explicit" else None
         state = copy.copy(state)
         shape = self._library.shape(state.model, 0, state.scale, settings.max_spheres, default=default)
         state.spheres = len(shape)

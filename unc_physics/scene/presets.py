@@ -25,7 +25,7 @@ PRESETS = {
         "impact_friction_std": 0.1,
     },
 }
-#: What ``everyday`` has besides with the integrator ``contact``, unless it is exact.
+#: What ``everyday`` has besides with the integrator ``contact``, where impacts have errors.
 _OF_EXACT_SHAPES = {"rolling_friction": 1e-4}  # m, of hard household objects
 #: ``PRESETS`` with the key ``exact``: one friction and one restitution, and impacts without errors.
 EXACT_PRESETS = PRESETS | {"everyday": _EVERYDAY | {"friction": 0.5, "restitution": 0.1}}
@@ -51,9 +51,9 @@ def with_changes(physics: dict, given: dict) -> dict:
     laws = {key for key, spec in PHYSICS_KEYS.items() if spec.law}
     overrides = {key: value for key, value in given.items() if value is not None or key in laws}
     replaced = {f"{key}_std" for key in ("friction", "restitution") if key in overrides}
-    if overrides.get("integrator") == "contact" and physics.get("impact_friction_std"):
-        physics = physics | _OF_EXACT_SHAPES
     if overrides.get("integrator") == "explicit" and physics.get("integrator") == "implicit":
         replaced |= {"sleep", *filter(_is_uncertain, physics)}
-    physics = {key: value for key, value in physics.items() if key not in replaced}
-    return {key: value for key, value in (physics | overrides).items() if value is not None}
+    physics = {key: value for key, value in physics.items() if key not in replaced} | overrides
+    if physics.get("integrator") == "contact" and physics.get("impact_friction_std"):
+        physics = _OF_EXACT_SHAPES | physics
+    return {key: value for key, value in physics.items() if value is not None}

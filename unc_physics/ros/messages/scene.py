@@ -287,7 +287,7 @@ def read_scene(
         covariance_defaults,
         limits.spheres,
         wait,
-        AUTO if physics.get("integrator") == "implicit" else None,
+        AUTO if physics.get("integrator", "explicit") != "explicit" else None,
         may_meet(len(objects) + len(packed), elements),
     )
     read: list[ReadObject] = []
