@@ -51,6 +51,7 @@ from .columns import (
 )
 from .motion import momentum, symmetric_times, write
 
+_PAID = 0.1  # most of the energy of motion that goes into depth in a substep
 HOLDS, PARTS, WAITS = 0.0, 1.0, 2.0  # MODE: closes its gap at most; parts at REBOUND; takes no part
 
 
@@ -278,7 +279,8 @@ def push_out(first, last, members, C, Y, h):
 def _pay(members, Y, h):
     """Take the work of `push_out` against forces from the energy of motion; where there is little, push less.
 
-    Without this a wedged body is lifted, falls back and is lifted again, and its energy grows.
+    Without this a wedged body is lifted, falls back and is lifted again, and its energy grows. Most of the
+    energy stays: a body that begins to tip over an edge has little of it, and would stop there.
     """
     work, have = 0.0, 0.0
     for i in members:
@@ -286,7 +288,7 @@ def _pay(members, Y, h):
         work -= h * m * dot(three(Y, i, ACCEL), three(Y, i, PUSH_V))
         have += 0.5 * m * dot(v, v) + 0.5 * dot(w, momentum(Y, i, w))
     if work > 0.0:
-        part = min(1.0, have / work)
+        part = min(1.0, _PAID * have / work)
         keep = math.sqrt(max(0.0, 1.0 - part * work / have)) if have > 0.0 else 1.0
         for i in members:
             write(Y, i, VEL, times(keep, three(Y, i, VEL)))
