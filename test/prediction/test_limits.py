@@ -395,6 +395,18 @@ def contact_residual(value):
     )
 
 
+@case(2e-4, OUTSIDE)
+def squeezed(value):
+    """That one in twenty rollouts exceeds."""
+    found = on_floor(integrator="contact")
+    depths = np.zeros((101, 2, 3))
+    depths[95:, 0, 0], depths[96:, 1, 0] = value, 9.0
+    depths[:, :, 1:] = 1, 2
+    return replace(
+        found, history=found.history._replace(solver=found.history.solver._replace(squeezed=depths))
+    )
+
+
 # -- all ---------------------------------------------------------------------------------------------
 
 

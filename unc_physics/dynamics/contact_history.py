@@ -152,7 +152,7 @@ def of_bodies(history, bodies):
             solver = solver.of_bodies(bodies)
         else:
             solver = implicit_world.of_bodies(solver, bodies, _pairs_of(solver.kept_overlap, bodies))
-        start = InitialAdjustment(*(np.ascontiguousarray(values[:, bodies]) for values in start))
+        start = type(start)(*(np.ascontiguousarray(values[:, bodies]) for values in start))
     return ContactHistory(first, solver, start)
 
 
@@ -174,7 +174,8 @@ def with_another_body(history):
     first = larger(history.first_time, np.inf)
     if solver is None:
         return ContactHistory(first, None, None)
-    start = InitialAdjustment(*(np.insert(values, bodies, 0.0, axis=1) for values in history.start))
+    start = history.start
+    start = type(start)(*(np.insert(values, bodies, 0.0, axis=1) for values in start))
     if _is_of_exact_shapes(history):
         return ContactHistory(first, solver.with_another_body(), start)
     new = fresh_solver_memory(len(first), bodies + 1)

@@ -46,6 +46,7 @@ _SURE = 2.0  # standard errors by which a measure must exceed its limit
 _EXTENT_SHARE = 5e-3  # least loss of extent that counts, over the radius of large bodies
 _DENSITIES = 0.1, 1e5  # below and above the densities of all materials [kg/m^3]
 _USUAL = 0.95  # quantile of the rollouts that is compared with a limit
+_NARROWED = 0.5  # share of a standard deviation below which the removal of overlap is said
 _QUANTITIES, _UNITS = ("position", "rotation"), ("m", "rad")  # that spreads are compared in
 
 
@@ -138,7 +139,8 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
         unit = rule.unit and f" {rule.unit}"
         reasons.append(f"{words} ({key} {value:.3g}{unit} above {rule.limit:.3g}{unit})")
     spheres = None if extent_loss.__name__ in keys else few_spheres(scene, body)
-    notes = tuple(note for note in (spheres, hull_of_mesh(scene, body)) if note is not None)
+    notes = (spheres, hull_of_mesh(scene, body), *_narrowed_spreads(evidence, body))
+    notes = tuple(note for note in notes if note is not None)
     return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons), notes)
 
 
@@ -153,6 +155,25 @@ def _spreads_apart(evidence, body):
     less = f" (less than {floor:.3g} {unit} counts as {floor:.3g} {unit})"
     less = less if min(own[k], other[k]) < floor else ""
     return f"{_QUANTITIES[k]} {own[k]:.3g} {unit} predicted, {other[k]:.3g} {unit} in rollouts{less}"
+
+
+def _narrowed_spreads(evidence, body):
+    """Return in words where the removal of overlap took most of a spread that was given."""
+    return [
+        f"its {quantity} has a standard deviation of {after:.2g} {unit} at the start, in a direction in which"
+        f" {before:.2g} {unit} was given: other poses overlap something"
+        for quantity, unit, (before, after) in zip(
+            _QUANTITIES, _UNITS, evidence.start.narrowed[body], strict=True
+        )
+        if after < _NARROWED * before
+    ]
+
+
+def _squeezing(evidence, body):
+    """Return the names of the two things between which a body is squeezed most, as a text."""
+    squeezed, names = evidence.history.solver.squeezed[:, body], thing_names(evidence.scene)
+    _, *pair = squeezed[np.argmax(squeezed[:, 0])]
+    return " and ".join(f"'{printable(names[int(k)])}'" for k in pair)
 
 
 def _uneven_quantity(evidence, body):
@@ -212,8 +233,8 @@ def _mean_depth(evidence, body):
 @_measure(
     Status.INITIAL_OVERLAP,
     0.02,
-    "overlaps another body or the environment at the start; give poses without overlap, or use the implicit"
-    " integrator with 'overlap: project'",
+    "overlaps another body or the environment at the start; give poses without overlap, or use the preset"
+    " 'everyday' with 'overlap: project'",
 )
 def initial_overlap(evidence):
     """Depth of the overlap that one in twenty states of the belief exceeds, or that of the mean, over the
@@ -320,6 +341,23 @@ def unsettled(evidence):
     if found is None or not any(body.at_rest for body in evidence.scene.bodies):
         return None
     return found.unsettled.mean(axis=0)
+
+
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    2e-4,
+    "is squeezed between {detail}, which leave it less room than its size; check its pose, and their paths",
+    unit="m",
+    detail=_squeezing,
+    in_contact=True,
+)
+def squeezed(evidence):
+    """Depths of the body's opposite contacts with two bodies that do not give way, one of them prescribed,
+    together. The largest of all steps, which one in twenty rollouts exceeds. With ``integrator: contact``.
+    """
+    if evidence.scene.integrator != "contact":
+        return None
+    return np.quantile(evidence.history.solver.squeezed[..., 0], _USUAL, axis=0)
 
 
 # -- the spread --------------------------------------------------------------------------------------

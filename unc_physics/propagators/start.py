@@ -20,8 +20,9 @@ from ..initialization.lowering import lower
 from ..initialization.overlap_rows import Metric
 from ..initialization.overlap_search import OVERLAP_TOLERANCE, sides_of
 from ..initialization.projection import ProjectionInput, ProjectionOutput, project
+from ..physics.everyday import start as start_of_steps
 from ..scene.belief import Belief
-from ..scene.contact_world import fresh_history
+from ..scene.contact_world import everyday_world, fresh_history, settled_contacts
 from ..scene.kinematic_states import held_at_start, kinematic_belief
 from ..scene.scene import Scene
 from ..spatial.layout import (
@@ -35,7 +36,7 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..spatial.rotation import rotate_vectors, rotation_matrix
+from ..spatial.rotation import conjugate, log, multiply, rotate_vectors, rotation_matrix
 
 _STEP = 1.0 / 60.0  # time step of settling [s]
 _FIRST_SETTLING, _LONGEST_SETTLING = 0.15, 3.0  # simulated times of the first attempt and of all attempts [s]
@@ -43,6 +44,7 @@ _ASLEEP = 0.1  # time without motion after which a body counts as settled [s]
 _DRAWN_AT_ONCE, _ACCEPTANCE = 400, 0.05  # samples, and the smallest share of them without overlap
 #: Least standard deviations of the height [m] and tilt [rad] of bodies at rest, which contact determines.
 _LEAST_STD, _LEAST_TILT = 5e-3, 0.03
+_SINGULAR = 1e-10  # share of the largest variance that counts as zero
 _HONEST_STD = 3e-3  # least standard deviation of the height of a body at rest, when its shift is judged [m]
 
 
@@ -87,7 +89,7 @@ def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
                 value=scene.overlap,
             )
         states = belief.sample(max(count, _DRAWN_AT_ONCE), rng)
-        overlap = _Resolution(scene, belief, states).adjustment().overlap
+        overlap = _resolution(scene, belief, states).adjustment().overlap
         free = states[(overlap <= OVERLAP_TOLERANCE).all(axis=1)]
         accepted.append(free)
         found, drawn = found + len(free), drawn + len(states)
@@ -104,15 +106,13 @@ def resolve_initial_overlap(
     history, returned with the states, holds the remaining overlap, and in ``start`` the changes made.
     """
     resting = _resting(scene)
-    if scene.integrator == "contact":
-        return states, fresh_history(scene, len(states))
-    if scene.world.implicit is None:
+    if scene.integrator == "explicit":
         return states, histories.fresh(len(states), scene.world)
     if scene.overlap == "keep" and not resting.any():
-        resolution = _Resolution(scene, belief, states)
-        return states, histories.fresh(len(states), scene.world)._replace(start=resolution.adjustment())
+        resolution = _resolution(scene, belief, states)
+        return states, resolution.fresh_history()._replace(start=resolution.adjustment())
     drawn, states = states, states.copy()
-    resolution = _Resolution(scene, belief, states)
+    resolution = _resolution(scene, belief, states)
     mean = resolution.of_mean()
     if not resting.any() and mean.is_unchanged(states):  # a single nominal rollout, without overlap
         return states, mean.history
@@ -121,12 +121,9 @@ def resolve_initial_overlap(
         resolution.project(sides)
     if resting.any():
         resolution.settle(drawn, sides, resting)
-        if scene.overlap != "keep" and not resting[scene.moving].all():
+        if scene.overlap != "keep" and resolution.settles_alone and not resting[scene.moving].all():
             resolution.project(sides, resting)
-    history = resolution.history
-    if resolution.kept.any():
-        history = history._replace(solver=history.solver._replace(kept_overlap=resolution.kept))
-    return states, history
+    return states, resolution.finished()
 
 
 def move_out_of_overlap(
@@ -140,7 +137,7 @@ def move_out_of_overlap(
     states = states.copy()
     held = np.ones(len(scene.bodies), bool)
     held[list(bodies)] = False
-    resolution = _Resolution(scene, belief, states)
+    resolution = _resolution(scene, belief, states)
     resolution.project(resolution.of_mean().sides(), held)
     return states, resolution.kept
 
@@ -156,11 +153,24 @@ class _Resolution:
         Remaining overlap [m].
     """
 
+    settles_alone = True  # so that bodies may overlap what came to rest
+
     def __init__(self, scene: Scene, belief: Belief, states: np.ndarray, metric: Metric | None = None):
         self._scene, self._belief, self._states = scene, belief, states
         self._metric = _metric(scene, belief) if metric is None else metric
-        self.history: Any = histories.fresh(len(states), scene.world)
+        self.history: Any = self.fresh_history()
         self.kept = np.zeros(self.history.first_time.shape, np.float32)
+
+    def fresh_history(self) -> ContactHistory:
+        """Return the history of new rollouts from the states."""
+        return histories.fresh(len(self._states), self._scene.world)
+
+    def finished(self) -> ContactHistory:
+        """Return the history of rollouts from the states as they are now."""
+        history = self.history
+        if self.kept.any():
+            history = history._replace(solver=history.solver._replace(kept_overlap=self.kept))
+        return history
 
     def adjustment(self) -> InitialAdjustment:
         """Return the overlap of the states, which do not change."""
@@ -169,7 +179,7 @@ class _Resolution:
 
     def of_mean(self) -> _Resolution:
         """Return the resolution of the belief's mean, which is moved out of overlap."""
-        mean = _Resolution(self._scene, self._belief, self._belief.mean[None].copy(), self._metric)
+        mean = type(self)(self._scene, self._belief, self._belief.mean[None].copy(), self._metric)
         mean.project(np.zeros((*self.kept.shape[1:], 3)))
         return mean
 
@@ -266,6 +276,121 @@ class _Resolution:
         tilts = np.sqrt([np.trace(flat @ spread @ flat) / 2.0 for spread in spreads])
         far = sunk / np.maximum(std, _HONEST_STD), start.tilted[:, bodies] / np.maximum(tilts, _LEAST_TILT)
         start.moved[:, bodies] = np.maximum.reduce([start.moved[:, bodies], *far])
+
+
+class _ExactResolution(_Resolution):
+    """As `_Resolution`, with exact shapes (`physics.everyday.start`).
+
+    In place of sides, samples get the poses that they come from: those of the mean, out of overlap.
+    """
+
+    settles_alone = False
+
+    def fresh_history(self):
+        return fresh_history(self._scene, len(self._states))
+
+    def finished(self):
+        return self.history
+
+    def of_mean(self):
+        mean = type(self)(self._scene, self._belief, self._belief.mean[None].copy(), self._metric)
+        mean.project(self._nowhere())
+        return mean
+
+    def sides(self):
+        return self._states[0].copy()
+
+    def adjustment(self):
+        self.project(self._nowhere(), look_only=True)
+        return self.history.start
+
+    def _nowhere(self):
+        """Return no poses to come from."""
+        return np.empty((0, *self._states.shape[2:]))
+
+    def project(self, sides, held=None, look_only=False):
+        own = held_at_start(self._scene)
+        held = own if held is None else held | own
+        metric, world = self._exact_metric(held), everyday_world(self._scene)
+        drawn, start, first = self._states.copy(), self.history.start, self.history.first_time
+
+        def run(part):
+            found = start_of_steps.Outcome(
+                *(values[part] for values in (start.overlap, start.kept, start.partner, first))
+            )
+            start_of_steps.separate(self._states[part], sides, metric, world, look_only, found)
+
+        in_threads(len(self._states), run)
+        if look_only:
+            first[:] = np.inf
+        sample, body = np.nonzero(start.partner)
+        self.kept[sample, body, start.partner[sample, body].astype(int) - 1] = start.kept[sample, body]
+        for k in np.flatnonzero(metric.moves):
+            moved = _mahalanobis(drawn[:, k], self._states[:, k], metric.covariance[k, k])
+            start.moved[:, k] = np.maximum(start.moved[:, k], moved)
+
+    def settle(self, drawn, sides, resting):
+        scene, states, start = self._scene, self._states, self.history.start
+        down, flat = _down(scene)
+        metric = self._exact_metric(~resting)
+        metric.covariance[:] = 0.0
+        for k, body in enumerate(scene.bodies):
+            if resting[k]:
+                metric.covariance[k, k, :3, :3] = np.outer(down, down)
+                metric.covariance[k, k, 3:, 3:] = (2.0 / body.model.bounding_radius) ** 2 * flat
+        world, unsettled = everyday_world(scene), np.zeros(len(states), bool)
+        states[:, resting, VELOCITY] = states[:, resting, ANGULAR_VELOCITY] = 0.0
+        still = states.copy()
+
+        def run(part):
+            start_of_steps.lower(still[part], down, metric._replace(joint=False), world, unsettled[part])
+
+        in_threads(len(states), run)
+        held = np.flatnonzero(~unsettled)
+        asleep, history = settled_contacts(scene, still[held], resting)
+        start.unsettled[:, resting] = 1.0
+        start.unsettled[np.ix_(held, np.flatnonzero(resting))] = ~asleep[:, resting]
+        fine = held[asleep[:, resting].all(axis=1)]
+        states[fine] = still[fine]
+        self._note_settling(drawn, resting)
+        if resting[scene.moving].all() and len(fine) == len(states):
+            first = np.minimum(self.history.first_time, history.first_time)
+            self.history = self.history._replace(first_time=first, solver=history.solver)
+
+    def _exact_metric(self, held):
+        """Return the metric of `physics.everyday.start`, with some bodies ``held`` (B,)."""
+        bodies, given = self._scene.bodies, self._metric
+        covariance = np.zeros((len(bodies), len(bodies), 6, 6))
+        moves = np.array([body.free for body in bodies]) & ~held & (given.place >= 0)
+        pose = np.r_[ERR_POSITION, ERR_ROTATION]
+        for i in np.flatnonzero(moves):
+            for j in np.flatnonzero(moves):
+                block = given.covariance[given.place[i]][:, given.place[j]][np.ix_(pose, pose)].copy()
+                block[3:] = rotation_matrix(self._belief.mean[i, QUATERNION]) @ block[3:]
+                block[:, 3:] = block[:, 3:] @ rotation_matrix(self._belief.mean[j, QUATERNION]).T
+                covariance[i, j] = block
+        joint = any(covariance[i, j].any() for i in range(len(bodies)) for j in range(i))
+        return start_of_steps.Metric(covariance, moves, joint)
+
+
+def _resolution(scene, belief, states):
+    """Return the `_Resolution` of states, for the scene's integrator."""
+    return (_ExactResolution if scene.integrator == "contact" else _Resolution)(scene, belief, states)
+
+
+def _mahalanobis(before, after, covariance):
+    """Return how far states (N, 13) were moved, in standard deviations of a covariance (6, 6), world axes."""
+    error = np.empty((len(before), 6))
+    error[:, :3] = after[:, POSITION] - before[:, POSITION]
+    turned = (before[:, QUATERNION] != after[:, QUATERNION]).any(axis=1)
+    error[:, 3:] = 0.0
+    for n in np.flatnonzero(turned):
+        q = multiply(tuple(after[n, QUATERNION]), conjugate(tuple(before[n, QUATERNION])))
+        error[n, 3:] = log(q)
+    square = np.einsum(
+        "ni,ij,nj->n", error, np.linalg.pinv(covariance, rcond=_SINGULAR, hermitian=True), error
+    )
+    return np.sqrt(np.maximum(square, 0.0))
 
 
 def _resting(scene):

@@ -6,13 +6,13 @@ import math
 import weakref
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiler.time_limit import limit_here
 from ..dynamics.actions import no_actions
-from ..dynamics.contact_history import ContactHistory, InitialAdjustment
+from ..dynamics.contact_history import ContactHistory
 from ..dynamics.implicit_rollout import Stops
 from ..dynamics.implicit_world import NEVER
 from ..physics.everyday import columns as c
@@ -28,8 +28,25 @@ from .scene import Scene
 _SAME_AXIS = 1e-9  # m, and of directions: round-off between lathes of one body
 _AN_INSTANT = 1e-9  # s: a step in which nothing moves
 _BALL = 1e-9  # relative difference of a ball's moments of inertia
+_SETTLING_STEP = 1.0 / 120.0  # s, of bodies that come to rest
+_FIRST_SETTLING, _LONGEST_SETTLING = 0.15, 1.0  # s, of the first attempt, and of the last one at most
 _worlds = weakref.WeakKeyDictionary()  # of scenes
 _pieces = weakref.WeakKeyDictionary()  # of models: their `PieceArrays`
+
+
+class ExactAdjustment(NamedTuple):
+    """What happened to N rollouts at time 0, as `dynamics.contact_history.InitialAdjustment`.
+
+    ``partner`` (N, B) is 1 + the number of the body, or from B on element, that the deepest kept overlap is
+    with; 0 without one.
+    """
+
+    overlap: np.ndarray
+    moved: np.ndarray
+    kept: np.ndarray
+    tilted: np.ndarray
+    unsettled: np.ndarray
+    partner: np.ndarray
 
 
 def everyday_world(scene: Scene) -> EverydayWorld:
@@ -249,7 +266,7 @@ def fresh_history(scene: Scene, count: int) -> ContactHistory:
     """Return the contact history of new rollouts."""
     bodies = len(scene.bodies)
     first = np.full((count, bodies, len(scene.surfaces)), np.inf, np.float32)
-    start = InitialAdjustment(*(np.zeros((count, bodies), np.float32) for _ in InitialAdjustment._fields))
+    start: Any = ExactAdjustment(*(np.zeros((count, bodies), np.float32) for _ in ExactAdjustment._fields))
     return ContactHistory(first, fresh_memory(count, bodies), start)
 
 
@@ -319,3 +336,46 @@ def _remembered(scene, memory):
     surfaces = everyday_world(scene).spots[:, c.SURFACE_OF].astype(np.int64)
     a, b = (surfaces[rows[:, k].astype(np.int64)] for k in (c.PIECE_A, c.PIECE_B))
     return n, a, b, rows
+
+
+def settled_contacts(
+    scene: Scene, states: np.ndarray, resting: np.ndarray
+) -> tuple[np.ndarray, ContactHistory]:
+    """Let bodies ``resting`` (B,) come to rest from states (N, B, 13), in place; the others do not move.
+
+    Returns which bodies sleep in each rollout (N, B), and the histories, in which supports touch at time 0.
+    """
+    count, bodies = states.shape[:2]
+    world = everyday_world(scene)
+    rows, par = world.bodies.copy(), world.par.copy()
+    held = np.flatnonzero(~resting)
+    rows[held, c.IMASS] = rows[held, c.OWN_IMASS] = 0.0
+    par[c.DECAY], par[c.SLEEP], par[c.DIRECTION_ERROR : c.MU_ERROR + 1] = 0.0, 1.0, 0.0
+    world = world._replace(bodies=rows, par=par, dt=_SETTLING_STEP, start=0.0, actions=no_actions(bodies))
+    own, history = variation(scene, np.zeros((1, len(scene.uncertain)))), fresh_history(scene, count)
+    asleep, waiting, time = np.zeros((count, bodies), bool), np.arange(count), _FIRST_SETTLING
+    memory: Any = fresh_memory(count, bodies)
+    while len(waiting) and time <= _LONGEST_SETTLING:
+        stops = Stops(np.array([round(time / _SETTLING_STEP)]), np.zeros(1), np.zeros(1), np.zeros(1))
+        part = type(memory)(*(values[waiting] for values in memory))
+        ((x, _, part),) = recorded(states[waiting], history.first_time[waiting], part, world, own, 0, stops)
+        states[waiting] = x
+        memory = _with_some(memory, part, waiting)
+        asleep[waiting] = part.at_rest
+        waiting, time = waiting[~asleep[waiting][:, resting].all(axis=1)], 2.0 * time
+    history = history._replace(solver=memory)
+    history.first_time[bearing_pairs(scene, history)] = 0.0
+    return asleep, history
+
+
+def _with_some(memory, part, some):
+    """Return a contact memory with those of some rollouts in place of its own."""
+    found = []
+    for own, new in zip(memory, part, strict=True):
+        if new.ndim == 3 and new.shape[1] > own.shape[1]:
+            own = np.pad(own, ((0, 0), (0, new.shape[1] - own.shape[1]), (0, 0)))
+        own = own.copy()
+        own[some] = 0
+        own[(some, *(slice(0, size) for size in new.shape[1:]))] = new
+        found.append(own)
+    return type(memory)(*found)

@@ -61,7 +61,7 @@ UNCERTAIN_PARAMETERS = (
 IMPACT_STDS = ("impact_direction_std", "impact_point_std", "impact_friction_std")
 
 #: Default treatment of initial overlap.
-DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep", "contact": "keep"}
+DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep", "contact": "project"}
 #: Default kappa of explicit scenes [N/m^3].
 STIFFNESS = 1e4
 
@@ -131,8 +131,8 @@ class Scene:
     overlap : {'project', 'reject', 'keep'}
         Treatment of overlap at time 0, of bodies or of a body and the environment. ``project`` moves samples
         to the nearest poses without overlap, in the belief's metric. ``reject`` discards them, with Monte
-        Carlo only. ``keep`` changes nothing. By default, or None, ``project`` with the implicit integrator.
-        The explicit integrator supports only ``keep``.
+        Carlo only. ``keep`` changes nothing. By default, or None, ``keep`` with the explicit integrator,
+        which supports nothing else, and ``project`` with others.
     pairs : tuple of PairMaterial
         Friction and restitution between two things, in place of the means of their own; as mappings, like
         ``{"between": ["mug", "tray"], "friction": 0.3}``. Needs the integrator ``contact``.
@@ -230,25 +230,12 @@ class Scene:
 
     def _refuse_what_contact_lacks(self):
         """Raise `InvalidOptionError` if an option is set that the step over exact shapes does not support."""
-        for name, own, instead in (
-            ("stiffness", (None, 0.0), "must be absent with 'integrator: contact', whose contacts are rigid"),
-            (
-                "overlap",
-                (None, "keep"),
-                "must be 'keep' with 'integrator: contact', which pushes apart what begins inside each other",
-            ),
-        ):
-            value = getattr(self, name)
-            if value not in own:
-                raise InvalidOptionError(instead, field=name, value=value)
-        for k, body in enumerate(self.bodies):
-            if body.at_rest:
-                raise InvalidOptionError(
-                    "must be false with 'integrator: contact', which does not settle bodies yet; 'implicit'"
-                    " does",
-                    field=f"bodies[{k}].at_rest",
-                    value=True,
-                )
+        if self.stiffness not in (None, 0.0):
+            raise InvalidOptionError(
+                "must be absent with 'integrator: contact', whose contacts are rigid",
+                field="stiffness",
+                value=self.stiffness,
+            )
 
     def _refuse_moving_surfaces(self):
         for k, element in enumerate(self.environment):

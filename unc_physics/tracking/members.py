@@ -8,7 +8,7 @@ import numpy as np
 
 from ..checks.errors import DivergedError
 from ..dynamics import contact_history as histories
-from ..dynamics.contact_history import ContactHistory, InitialAdjustment
+from ..dynamics.contact_history import ContactHistory
 from ..propagators.monte_carlo import MonteCarloCarry
 from ..propagators.rollouts import advance_rollouts
 from ..propagators.start import move_out_of_overlap
@@ -81,13 +81,14 @@ def drawn_again(tracked: TrackedScene, state: State, place: int, free: Filter) -
     states = carry.states.copy()
     states[:, body] = drawn[:, 0]
     history, depth = histories.renewed(carry.contact_history, [body]), None
-    if mode is not TrackMode.STARTING and scene.integrator == "implicit" and scene.overlap == "project":
+    if mode is not TrackMode.STARTING and scene.integrator != "explicit" and scene.overlap == "project":
         mean, _ = mean_and_errors(states, scene.moving)
         blocks = np.zeros((len(scene.moving), ERROR, ERROR))
         blocks[place] = covariance
         around = Belief.trusted(mean, blocks, scene.moving)
         states, kept = move_out_of_overlap(scene, around, states, [body])
-        history = histories.with_kept_overlap(history, kept, [body])
+        if scene.integrator == "implicit":
+            history = histories.with_kept_overlap(history, kept, [body])
         depth = np.maximum(kept[:, body].max(axis=1), kept[:, :, body].max(axis=1))
     history = with_fresh_adjustments(history, body, depth)
     return state._replace(carry=carry._replace(states=states, contact_history=history))
@@ -163,7 +164,7 @@ def with_fresh_adjustments(
     """
     if history.start is None:
         return history
-    start = InitialAdjustment(*map(np.copy, history.start))
+    start = type(history.start)(*map(np.copy, history.start))
     kept = start.kept[:, body].copy() if kept is None else kept
     for values in start:
         values[:, body] = 0.0

@@ -147,3 +147,5 @@ MOST = 32  # contacts of a pair of bodies: a bowl in a bowl needs 24
 PATCH = 4  # contacts of a pair of bodies along one normal: three carry a load, one more stops rocking
 SURE = 8  # normals of a pair of bodies that may stand for those of other pieces
 LISTS = 256  # lists of pieces at a time; a pair whose list another one has taken makes its own again
+SQUEEZED = 5e-5  # m, depth from which a contact counts as squeezed: more than a load leaves in a step
+OPPOSITE = 0.5  # minus cosine of normals between which a body is squeezed: a wedge of 60 degrees

@@ -48,11 +48,11 @@ from .contacts import restore, store
 from .drives import next_change
 from .motion import pose, write
 from .search import FULL, Solids, forget_all, place, search_scratch
-from .step import Own, Work, note_contacts, take_step
+from .step import Own, Work, note_contacts, note_squeezes, take_step
 
 _FEW_STEPS = 400  # body steps, over all rollouts, that take less time than starting another thread
 FIRST_ROOM = 12  # contacts for each body at first; more are made room for when a step needs them
-_FIRST_LISTS = 64  # rows of the search's lists at first, likewise
+FIRST_LISTS = 64  # rows of the search's lists at first, likewise
 
 
 class EverydayWorld(NamedTuple):
@@ -131,12 +131,16 @@ class ContactMemory(NamedTuple):
         Time for which each body has been at rest [s].
     key : (N,) uint64
         Keys for random errors of impacts.
+    squeezed : (N, B, 3) float64
+        Most by which each body was squeezed between bodies that do not give way [m], and the numbers of these
+        two, as of materials (`step.note_squeezes`).
     """
 
     contact: np.ndarray
     count: np.ndarray
     quiet: np.ndarray
     key: np.ndarray
+    squeezed: np.ndarray
 
     @property
     def at_rest(self):
@@ -184,6 +188,7 @@ def fresh_memory(count: int, bodies: int) -> ContactMemory:
         np.zeros(count, np.int64),
         np.zeros((count, bodies)),
         np.zeros(count, np.uint64),
+        np.zeros((count, bodies, 3)),
     )
 
 
@@ -231,10 +236,11 @@ class _Result(NamedTuple):
     contact: np.ndarray  # (T, N, K, REMEMBERED)
     count: np.ndarray  # (T, N) int64
     quiet: np.ndarray  # (T, N, B)
+    squeezed: np.ndarray  # (T, N, B, 3)
 
 
 @kernel
-def _work(world, room, lists, count):
+def arrays_to_work(world, room, lists, count):
     """Return new arrays for a rollout to work with, with room for contacts and rows of lists."""
     spots = empty(world.spots.shape)
     for k in range(len(spots)):
@@ -257,7 +263,7 @@ def _work(world, room, lists, count):
 @kernel
 def _larger(before, world, old):
     """Return arrays with more room, with the bodies and the ``before`` contacts of old ones."""
-    new = _work(world, 2 * len(old.C), 2 * len(old.search.near), old.count)
+    new = arrays_to_work(world, 2 * len(old.C), 2 * len(old.search.near), old.count)
     for i in range(len(old.Y)):
         for x in range(BODY):
             new.Y[i, x] = old.Y[i, x]
@@ -336,20 +342,29 @@ def advance(states, first_time, memory, world, variation, place_in, begin, stops
     first rollout in the variation.
     """
     B, most, room = world.count, 0, result.contact.shape[2]
-    work = _work(world, max(FIRST_ROOM * B + 2 * 32, memory.contact.shape[1] + 64), _FIRST_LISTS, count)
+    work = arrays_to_work(
+        world, max(FIRST_ROOM * B + 2 * 32, memory.contact.shape[1] + 64), FIRST_LISTS, count
+    )
     kept_x, kept_quiet, kept_rows = empty((B, STATE_SIZE)), empty(B), empty((room, REMEMBERED))
     kept_first = np.empty(first_time.shape[1:], np.float32)
-    par = empty(len(world.par))
+    par, squeezed, kept_squeezed = empty(len(world.par)), empty((B, 3)), empty((B, 3))
     for n in range(len(states)):
         m = min(place_in + n, len(variation.mass) - 1)
         for c in range(len(par)):
             par[c] = world.par[c]
+        _copy(memory.squeezed[n], squeezed)
         own = Own(
-            par, variation.materials[m], variation.held[m], variation.shift[m], zeros((B, 7)), memory.key[n]
+            par,
+            variation.materials[m],
+            variation.held[m],
+            variation.shift[m],
+            zeros((B, 7)),
+            memory.key[n],
+            squeezed,
         )
         contacts = memory.count[n]
         if contacts > len(work.C):
-            work = _work(world, 2 * contacts, len(work.search.near), count)
+            work = arrays_to_work(world, 2 * contacts, len(work.search.near), count)
         _load(states[n], memory.contact[n], contacts, memory.quiet[n], m, world, variation, own, work)
         _copy(first_time[n], kept_first)
         done = 0
@@ -365,6 +380,7 @@ def advance(states, first_time, memory, world, variation, place_in, begin, stops
                         return most
                     _save(contacts, kept_x, kept_rows, kept_quiet, world, work)
                     _copy(kept_first, first)
+                    _copy(squeezed, kept_squeezed)
                     end, times = now + stops.rest[t], first
                 while now < end:  # in parts between which bodies are attached or released
                     then = next_change(now, end, world.actions, own.held)
@@ -375,6 +391,7 @@ def advance(states, first_time, memory, world, variation, place_in, begin, stops
                         continue
                     contacts = found
                     note_contacts(contacts, B, end, work.C, times)
+                    note_squeezes(contacts, work.C, work.Y, squeezed)
                     now, part = then, part + 1
                 done += 1
                 if world.stop[0] != 0:
@@ -383,9 +400,11 @@ def advance(states, first_time, memory, world, variation, place_in, begin, stops
             if most > room:
                 return most
             _save(contacts, result.states[t, n], result.contact[t, n], result.quiet[t, n], world, work)
+            _copy(squeezed, result.squeezed[t, n])
             result.count[t, n] = contacts
             if rest > 0:
                 done, contacts = done - 1, kept
+                _copy(kept_squeezed, squeezed)
                 _load(kept_x, kept_rows, contacts, kept_quiet, m, world, variation, own, work)
             else:
                 _copy(kept_first, first)
@@ -447,8 +466,8 @@ def recorded(states, first_time, memory, world, variation, begin, stops):
     parts = [part._replace(contact=_with_rows(part.contact, rows)) for part in parts]
     all_of = [np.concatenate(values, axis=1) for values in zip(*parts, strict=True)]
     return [
-        (x, first, ContactMemory(contact, count, quiet, memory.key))
-        for x, first, contact, count, quiet in zip(*all_of, strict=True)
+        (x, first, ContactMemory(contact, count, quiet, memory.key, squeezed))
+        for x, first, contact, count, quiet, squeezed in zip(*all_of, strict=True)
     ]
 
 
@@ -460,6 +479,7 @@ def _empty_result(states, first_time, stops, room):
         np.zeros((stops, count, room, REMEMBERED)),
         np.zeros((stops, count), np.int64),
         np.empty((stops, count, bodies)),
+        np.empty((stops, count, bodies, 3)),
     )
 
 

@@ -22,6 +22,7 @@ from .columns import (
     DRIVEN,
     FAR,
     GAP,
+    GAP0,
     GROUP,
     IMASS,
     IMPULSE,
@@ -31,6 +32,7 @@ from .columns import (
     MODE,
     MOVED,
     NORMAL,
+    OPPOSITE,
     PUSH_V,
     PUSH_W,
     QUIET,
@@ -43,6 +45,7 @@ from .columns import (
     SLEEP_AFTER,
     SLOP,
     SPIN,
+    SQUEEZED,
     START,
     SUBSTEPS,
     SURFACE_A,
@@ -78,6 +81,7 @@ class Own(NamedTuple):
     shift: np.ndarray  # (B, 7): displacement and rotation of paths
     hold: np.ndarray  # (B, 7): poses of attached bodies in those of their carriers
     key: int  # for random errors
+    squeezed: np.ndarray  # (B, 3): as in `rollouts.ContactMemory`
 
 
 class Work(NamedTuple):
@@ -341,3 +345,23 @@ def note_contacts(n, bodies, time, C, first_time):
             i, j = int(C[k, BODY_B]), int(C[k, SURFACE_A])
             low, high = min(i, j), max(i, j)
             first_time[low, high] = min(first_time[low, high], time)
+
+
+@inner(noinline=True)
+def note_squeezes(n, C, Y, squeezed):
+    """Note the most by which bodies were squeezed between two that do not give way, one of them driven.
+
+    The depths of opposite contacts add up: nothing else can hold both. The two are noted by their surfaces.
+    """
+    for k in range(n):
+        a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+        if C[k, GAP0] > -SQUEEZED or Y[a, IMASS] > 0.0:
+            continue
+        for m in range(n):
+            other = int(C[m, BODY_A])
+            same = C[m, BODY_B] == b and Y[other, IMASS] == 0.0 and C[m, GAP0] < 0.0
+            driven = Y[a, DRIVEN] > 0.0 or Y[other, DRIVEN] > 0.0
+            if same and driven and dot(three(C, k, NORMAL), three(C, m, NORMAL)) < -OPPOSITE:
+                depth = -C[k, GAP0] - C[m, GAP0]
+                if depth > squeezed[b, 0]:
+                    write(squeezed, b, 0, (depth, C[k, SURFACE_A], C[m, SURFACE_A]))
