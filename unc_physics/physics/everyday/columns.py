@@ -116,7 +116,13 @@ MATERIALS = 6
 COUNTS = 8
 
 # ---- tuned numbers
-SUBSTEPS = 2  # of a step; with one, Euler's disc loses 4 degrees a second, and elastic boxes 12 % of energy
+SUBSTEPS = (
+    2  # of a step, else one; with one, Euler's disc loses 4 degrees a second, elastic boxes 12 % of energy
+)
+TURN = (
+    1e-3  # rad, turn of a body of a group within a step from which it has these: a carousel's box slips else
+)
+LONGEST = 5e-3  # s, step from which all have these: with one, stacks of ratio 100 shift by 6 mm at 1/120 s
 SWEEPS, SWEEPS_FRESH = 30, 30  # most rounds of impulses, else and after impacts; laws hold from 10 on
 TOLERANCE = 1e-4  # m/s, change of a contact's speed that ends sweeps: a hundredth of g times a step
 BOUNCE = 0.1  # m/s, closing speed from which what is not elastic rebounds: measured for metal and plastic

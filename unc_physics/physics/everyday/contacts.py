@@ -439,6 +439,26 @@ def _across(Y, i, d):
     return minus(d, times(dot(a, d), a))
 
 
+@inner
+def _core(Y, i, q, way, axle, t):
+    """Return a core's lever at t from now, its turn until then, the arm to its axis, and how far it went.
+
+    The lever is from the ``axle``, if there is one, and its way is relative to the centre of mass; ``way`` is
+    its turn since the search.
+    """
+    later = arm = (0.0, 0.0, 0.0)
+    if t > 0.0:
+        later = times(t, three(Y, i, SPIN))
+    if not axle:
+        r = turned(q, plus(way, later))
+        return r, later, arm, minus(r, q)
+    arm = roll_arm(Y, i)
+    if t > 0.0:
+        arm, later = turned(arm, later), _across(Y, i, later)
+    r = turned(q, plus(way, later))
+    return r, later, arm, plus(minus(r, q), minus(arm, three(Y, i, ARM_BEFORE)))
+
+
 @inner(noinline=True)
 def levers(C, k, Y, t):
     """Return the cores' levers at t from now, and how far b's point went from a's along the normal.
@@ -450,16 +470,11 @@ def levers(C, k, Y, t):
     qa, qb = three(C, k, LEVER_A), three(C, k, LEVER_B)
     axle_a, axle_b = C[k, LATHE_A] > 0.0, C[k, LATHE_B] > 0.0
     ta, tb = three(Y, a, TILTED if axle_a else TURNED), three(Y, b, TILTED if axle_b else TURNED)
-    da, db = times(t, three(Y, a, SPIN)), times(t, three(Y, b, SPIN))
-    ca = cb = ea = eb = (0.0, 0.0, 0.0)  # the axes' nearest points, at t and at the search
-    if axle_a:
-        ca, ea = turned(roll_arm(Y, a), da), three(Y, a, ARM_BEFORE)
-        da = _across(Y, a, da)
-    if axle_b:
-        cb, eb = turned(roll_arm(Y, b), db), three(Y, b, ARM_BEFORE)
-        db = _across(Y, b, db)
-    ra, rb = turned(qa, plus(ta, da)), turned(qb, plus(tb, db))
-    d = minus(plus(minus(rb, qb), minus(cb, eb)), plus(minus(ra, qa), minus(ca, ea)))
+    ra, da, ca, wa = qa, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if Y[a, IMASS] > 0.0 or Y[a, DRIVEN] > 0.0:
+        ra, da, ca, wa = _core(Y, a, qa, ta, axle_a, t)
+    rb, db, cb, wb = _core(Y, b, qb, tb, axle_b, t)
+    d = minus(wb, wa)
     if C[k, RIM_B] > 0.0:  # the other body's point goes with it
         e = minus(_rim(Y, b, times(-1.0, n), turned(qb, tb), db), rb)
         rb, d = plus(rb, e), plus(d, times(dot(n, e), n))
@@ -480,6 +495,8 @@ def _points(C, k, Y, ra, rb, ended):
     driven bodies have ``ended`` the step, they are where it ends.
     """
     a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
+    if Y[a, IMASS] == 0.0 and Y[a, DRIVEN] == 0.0 and C[k, FACE_OF] == 1.0:  # a point of what does not move
+        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), n
     d = minus(plus(three(Y, b, CENTRE), rb), plus(three(Y, a, CENTRE), ra))
     if Y[a, DRIVEN] > 0.0 and not ended:
         d = minus(d, three(Y, a, MOVED))

@@ -302,15 +302,23 @@ def _candidates(a, b, far, dt, slack, Y, solids, old, first, had, search, count)
     return m, low, slot
 
 
+@inner
+def _listed_before(near, i, k):
+    """Return whether row i has smaller numbers of pieces than row k."""
+    return near[i, N_A] < near[k, N_A] or (near[i, N_A] == near[k, N_A] and near[i, N_B] < near[k, N_B])
+
+
 @inner(noinline=True)
 def _sort(near, m):
-    """Order pairs of pieces by their gaps; equal ones stay in order."""
-    for c in range(1, m):
-        k = c
-        while k > 0 and near[k - 1, N_GAP] > near[k, N_GAP]:
-            for x in range(NEARS):
-                near[k, x], near[k - 1, x] = near[k - 1, x], near[k, x]
-            k -= 1
+    """Order pairs of pieces by their gaps; equal ones by pieces."""
+    for c in range(m):
+        least = c
+        for k in range(c + 1, m):
+            d = near[k, N_GAP] - near[least, N_GAP]
+            if d < 0.0 or (d == 0.0 and _listed_before(near, k, least)):
+                least = k
+        for x in range(NEARS if least > c else 0):
+            near[c, x], near[least, x] = near[least, x], near[c, x]
 
 
 @inner

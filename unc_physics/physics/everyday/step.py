@@ -28,6 +28,7 @@ from .columns import (
     IMPULSE,
     LN,
     LONG,
+    LONGEST,
     MEMBERS,
     MODE,
     MOVED,
@@ -53,6 +54,7 @@ from .columns import (
     SWEEPS_FRESH,
     TILTED,
     TRAVEL,
+    TURN,
     TURNED,
     VEL,
     VISITS,
@@ -155,7 +157,9 @@ def _advance(first, last, members, begin, end, fresh, actions, own, work):
     the points and masses of the middle, half a move.
     """
     Y, C, par, states, dt = work.Y, work.C, own.par, work.states, end - begin
-    now, longest, cuts, driven = begin, dt / SUBSTEPS, CUTS // len(members), len(actions.kinematic) > 0
+    now, longest, cuts, driven = begin, dt, CUTS // len(members), len(actions.kinematic) > 0
+    if dt > LONGEST or _turns(members, Y, dt):
+        longest = dt / SUBSTEPS
     while end - now > _END * dt:
         rounds, h = SWEEPS_FRESH if fresh else SWEEPS, min(longest, end - now)
         if driven:
@@ -188,6 +192,16 @@ def _advance(first, last, members, begin, end, fresh, actions, own, work):
         if h > LONG * longest:
             keep_warm(first, last, C, h)
         now += h
+
+
+@inner
+def _turns(members, Y, dt):
+    """Return whether a body of a group turns so far within a step that levers change."""
+    for i in members:
+        w = three(Y, i, SPIN)
+        if dot(w, w) * dt * dt > TURN * TURN:
+            return True
+    return False
 
 
 @inner
