@@ -337,19 +337,20 @@ def _hull(points):
             field="points",
             value=len(points),
         ) from None
-    groups: list[tuple[np.ndarray, set]] = []
+    known, members = np.empty((0, 4)), []
     for corners, plane in zip(triangles.simplices, triangles.equations, strict=True):
-        for known, members in groups:
-            if known[:3] @ plane[:3] > 1.0 - _COPLANAR[0] and abs(known[3] - plane[3]) < _COPLANAR[1] * size:
-                members.update(corners)
-                break
+        same = known[:, :3] @ plane[:3] > 1.0 - _COPLANAR[0]
+        same &= np.abs(known[:, 3] - plane[3]) < _COPLANAR[1] * size
+        if same.any():
+            members[int(same.argmax())].update(corners)
         else:
-            groups.append((plane, set(corners)))
+            known = np.concatenate([known, plane[None]])
+            members.append(set(corners))
     used = np.sort(triangles.vertices)
     place = {int(v): k for k, v in enumerate(used)}
     faces = []
-    for plane, members in groups:
-        numbers = np.array(sorted(members))
+    for plane, group in zip(known, members, strict=True):
+        numbers = np.array(sorted(group))
         arm = points[numbers] - points[numbers].mean(axis=0)
         u = arm[0] / np.linalg.norm(arm[0])
         order = np.argsort(np.arctan2(arm @ np.cross(plane[:3], u), arm @ u))

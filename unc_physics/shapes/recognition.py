@@ -22,6 +22,9 @@ CORNERS = 1e-3
 CHORDS = 0.01
 #: Relative difference of volumes: chords within `CHORDS` cut off 1.3 % of a cylinder, 2 % of a ball.
 _VOLUME = 0.03
+#: Relative difference of moments of inertia across an axis: a regular polygon has none, and the tolerance of
+#: corners on a bar three times as long as thick changes them by 2 %.
+_MOMENTS = 0.05
 #: Corners that differ by less are on one circle about the axis, as a share of the extent: six digits of text.
 _SAME = 1e-5
 #: Corners of a profile that is cut into pieces; a finer one is simplified.
@@ -29,7 +32,7 @@ _PROFILE = 64
 #: Share of the distance that pieces may stick out that is used up by simplifying a profile.
 _SHARE = 0.02
 #: Distances that pieces may stick out where it is hollow, as shares of the extent, until they are few enough.
-HOLLOWS = tuple(0.004 * 1.5**k for k in range(8))
+HOLLOWS = tuple(0.004 * 1.2**k for k in range(18))
 _SIDE = 0.05  # cosine between a normal of a side and the axis
 
 Found = tuple[str, tuple[Piece, ...]]
@@ -84,11 +87,16 @@ class _Mesh:
     def axes(self):
         """Yield unit vectors that may be the axis of revolution: normals of large faces, and principal axes.
 
-        Where principal moments are equal, as of some cylinders, only the normals are axes.
+        Moments of inertia across an axis of revolution are equal. Where all three are, as of some cylinders,
+        only the normals are axes.
         """
         principal = np.linalg.eigh(self._inertia)[1].T
         found: list[np.ndarray] = []
         for axis in (*principal[[0, 2, 1]], *self.large_normals(3)):
+            across = _turn_to(axis)[:, :2]
+            moments = np.linalg.eigvalsh(across.T @ self._inertia @ across)
+            if moments[0] < (1.0 - _MOMENTS) * moments[1]:
+                continue
             if all(abs(axis @ other) < 1.0 - 1e-6 for other in found):
                 found.append(axis)
                 yield axis

@@ -28,13 +28,15 @@ def lathe_pieces(profile: np.ndarray, tolerance: float) -> list[Lathe]:
         Whole ones where the solid reaches the axis, otherwise rings of sectors.
     """
     profile = _counter_clockwise(np.asarray(profile, float))
-    return min((_pieces(profile, share * tolerance, (1.0 - share) * tolerance) for share in _SHARES), key=len)
+    stages = _stages(profile, max(_SHARES) * tolerance)
+    return min((_pieces(profile, stages, tolerance, share) for share in _SHARES), key=len)
 
 
-def _pieces(profile, tolerance, chord):
-    """Return pieces that stick out of a profile by a tolerance, and of its turns by chords [m]."""
+def _pieces(profile, stages, tolerance, share):
+    """Return pieces that stick out of a profile by a share of a tolerance [m], and of its turns by the rest."""
+    tolerance, chord = share * tolerance, (1.0 - share) * tolerance
     pieces: list[Lathe] = []
-    for part in convex_parts(profile, tolerance):
+    for part in _parts(profile, stages, tolerance):
         low, high = part[:, 1].min(), part[:, 1].max()
         filled = convex_outline(np.concatenate([part, [[0.0, low], [0.0, high]]]))
         if _sticks_out(filled, profile) <= tolerance:
@@ -50,6 +52,17 @@ def convex_parts(polygon: np.ndarray, tolerance: float) -> list[np.ndarray]:
     Triangles are merged in the order of how little the hull of two neighbours sticks out.
     """
     polygon = _counter_clockwise(np.asarray(polygon, float))
+    return _parts(polygon, _stages(polygon, tolerance), tolerance)
+
+
+def _parts(polygon, stages, tolerance):
+    """Return the convex polygons of the last stage before one costs more than a tolerance."""
+    last = next((k for k, (cost, _) in enumerate(stages) if cost > tolerance), len(stages))
+    return [convex_outline(polygon[sorted(part)]) for part in stages[last - 1][1]]
+
+
+def _stages(polygon, tolerance):
+    """Return the corners of parts after each merge that costs at most a tolerance, and the costs [m]."""
     parts = {k: frozenset(triangle) for k, triangle in enumerate(_triangles(polygon))}
     following = len(parts)
     costs: dict[tuple[int, int], float] = {}
@@ -62,6 +75,7 @@ def convex_parts(polygon: np.ndarray, tolerance: float) -> list[np.ndarray]:
 
     for k in list(parts):
         add_costs(k)
+    stages = [(0.0, list(parts.values()))]
     while costs:
         (a, b), cost = min(costs.items(), key=lambda item: (item[1], item[0]))
         if cost > tolerance:
@@ -70,7 +84,8 @@ def convex_parts(polygon: np.ndarray, tolerance: float) -> list[np.ndarray]:
         costs = {pair: value for pair, value in costs.items() if not {a, b} & set(pair)}
         add_costs(following)
         following += 1
-    return [convex_outline(polygon[sorted(part)]) for part in parts.values()]
+        stages.append((cost, list(parts.values())))
+    return stages
 
 
 def _counter_clockwise(polygon):

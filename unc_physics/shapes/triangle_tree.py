@@ -32,11 +32,11 @@ def build_triangle_tree(corners) -> TriangleTree:
     depth = max(0, int(np.ceil(np.log2(count / LEAF_SIZE))))
     leaf_size = -(-count // (1 << depth))
     order = np.resize(np.arange(count), leaf_size << depth)
-    centroids = corners.mean(axis=1)
+    centroids = np.ascontiguousarray(corners.mean(axis=1).T)
     for level in range(depth):
-        groups = centroids[order].reshape(1 << level, -1, 3)
-        axis = np.argmax(groups.max(axis=1) - groups.min(axis=1), axis=1)
-        keys = np.take_along_axis(groups, axis[:, None, None], axis=2)[:, :, 0]
+        groups = centroids[:, order].reshape(3, 1 << level, -1)
+        axis = np.argmax(groups.max(axis=2) - groups.min(axis=2), axis=0)
+        keys = groups[axis, np.arange(1 << level)]
         rank = np.argpartition(keys, keys.shape[1] // 2, axis=1)
         order = np.take_along_axis(order.reshape(1 << level, -1), rank, axis=1).ravel()
     leaves = 1 << depth
