@@ -30,7 +30,7 @@ NOTED, REFUSED = 0.02, 0.10
 #: meshes with thin walls: they are tried until the error is within the tolerance.
 _THRESHOLDS, _TRIED = (0.1, 0.05, 0.02, 0.01), 2
 #: Shares of the extent: by which a mesh is simplified before it is cut, and by which hulls are.
-_SIMPLIFIED, _HULL = 0.002, 0.001
+_SIMPLIFIED, _HULL = 0.003, 0.001
 #: Most corners of a hull.
 _CORNERS = 96
 #: Errors that differ by less, as a share of the extent, are equal: then fewer pieces are better.

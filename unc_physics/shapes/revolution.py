@@ -33,7 +33,7 @@ def lathe_pieces(profile: np.ndarray, tolerance: float) -> list[Lathe]:
 
 
 def _pieces(profile, stages, tolerance, share):
-    """Return pieces that stick out of a profile by a share of a tolerance [m], and of its turns by the rest."""
+    """Return pieces that stick out of a profile by a share of a tolerance, and of its turns by the rest."""
     tolerance, chord = share * tolerance, (1.0 - share) * tolerance
     pieces: list[Lathe] = []
     for part in _parts(profile, stages, tolerance):
