@@ -74,7 +74,8 @@ RHO_A, RHO_B = 106, 107  # roundings
 SAVED = 108  # normal and tangents while an impact's error turns them
 SURFACE_A, SURFACE_B = 117, 118  # numbers of materials: a body's, or B + e of element e
 STRUCK = 119  # impacts in this step
-COLS = 120
+BEND = 120  # acceleration of the gap by turns, where it changes the gap in a substep [m/s^2]
+COLS = 121
 
 # ---- pairs of bodies
 CLEAR = 0  # no contact before the bodies' TRAVEL adds up to this

@@ -29,6 +29,7 @@ from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
     ARM_BEFORE,
     BELT_U,
+    BEND,
     BODY_A,
     BODY_B,
     CENTRE,
@@ -119,9 +120,9 @@ from .columns import (
 from .motion import back, roll_arm, roll_axis, symmetric_times, turn, turned, write
 from .search import FULL, line_up, meet, place, reaches
 
-_AROUND = (
-    0.7  # cosine: a rim point stays on the body where it would travel by more than an eighth of the circle
-)
+# Cosines of the most by which a rim's point travels; where it is more the point stays on the body.
+NEARBY = 0.7  # an eighth of the circle
+ANYWHERE = -2.0
 _ALIKE = 0.7  # cosine of normals between which forces are handed on
 
 
@@ -416,10 +417,11 @@ def complete(n, C, Y, solids, surface, materials):
 
 
 @inner
-def _rim(Y, i, n, q, later):
+def _rim(Y, i, n, q, later, around):
     """Return the farthest point along n on the circle about a body's axis through q, turned on by ``later``.
 
-    Where it would travel far, as when the circle becomes flat along n, it stays on the body.
+    Where it would travel beyond the cosine ``around``, as when the circle becomes flat along n, it stays on
+    the body.
     """
     a = roll_axis(Y, i)
     e = turned(a, later)
@@ -427,7 +429,7 @@ def _rim(Y, i, n, q, later):
     r = math.sqrt(max(dot(q, q) - z * z, 0.0))
     p0, p = minus(n, times(dot(n, a), a)), minus(n, times(dot(n, e), e))
     s0, s = math.sqrt(dot(p0, p0)) + 1e-300, math.sqrt(dot(p, p)) + 1e-300
-    if dot(p0, p) < _AROUND * s0 * s:
+    if dot(p0, p) < around * s0 * s:
         return turned(plus(times(z, a), times(r / s0, p0)), later)
     return plus(times(z, e), times(r / s, p))
 
@@ -460,7 +462,7 @@ def _core(Y, i, q, way, axle, t):
 
 
 @inner(noinline=True)
-def levers(C, k, Y, t):
+def levers(C, k, Y, t, around):
     """Return the cores' levers at t from now, and how far b's point went from a's along the normal.
 
     The points stay on their bodies, except that those of lathes do not turn about the axis, and those on rims
@@ -476,11 +478,11 @@ def levers(C, k, Y, t):
     rb, db, cb, wb = _core(Y, b, qb, tb, axle_b, t)
     d = minus(wb, wa)
     if C[k, RIM_B] > 0.0:  # the other body's point goes with it
-        e = minus(_rim(Y, b, times(-1.0, n), turned(qb, tb), db), rb)
+        e = minus(_rim(Y, b, times(-1.0, n), turned(qb, tb), db, around), rb)
         rb, d = plus(rb, e), plus(d, times(dot(n, e), n))
         ra = plus(ra, minus(e, times(dot(n, e), n)))
     elif C[k, RIM_A] > 0.0:
-        e = minus(_rim(Y, a, n, turned(qa, ta), da), ra)
+        e = minus(_rim(Y, a, n, turned(qa, ta), da, around), ra)
         ra, d = plus(ra, e), minus(d, times(dot(n, e), n))
         rb = plus(rb, minus(e, times(dot(n, e), n)))
     d = plus(d, minus(three(Y, b, MOVED), three(Y, a, MOVED)))
@@ -558,8 +560,8 @@ def _parting(C, k, Y, ra, rb):
 
 @inner
 def approach(C, k, Y, h):
-    """Fill the gap as it looks for the next h; return the normal speed of b relative to a, and the gap."""
-    ra, rb, d = levers(C, k, Y, 0.0)
+    """Fill the gap as it looks for the next h, and BEND; return the normal speed of b, and the gap."""
+    ra, rb, d = levers(C, k, Y, 0.0, NEARBY)
     now = C[k, GAP0] + d
     C[k, GAP] = now
     sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
@@ -567,7 +569,24 @@ def approach(C, k, Y, h):
     if C[k, POINTED] > 0.0:
         _aim(C, k, apart)
         C[k, GAP], now = _passing(C, k, apart, minus(u, times(dot(u, e), e)), h)
-    return dot(three(C, k, NORMAL), u) - C[k, BELT_U], now
+    n = three(C, k, NORMAL)
+    C[k, BEND] = _bend(C, k, Y, dot(n, u), d, h) if C[k, POINTED] == 0.0 else 0.0
+    return dot(n, u) - C[k, BELT_U], now
+
+
+@inner(error_model="numpy")
+def _bend(C, k, Y, u, d, h):
+    """Return the acceleration of the gap by turns; zero where it changes the gap little within h."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    wa, wb = three(Y, a, SPIN), three(Y, b, SPIN)
+    swings = Y[b, RADIUS] * dot(wb, wb)
+    if Y[a, IMASS] > 0.0:
+        swings = max(swings, Y[a, RADIUS] * dot(wa, wa))
+    if h * h * swings < STILL:
+        return 0.0
+    v = minus(three(Y, b, VEL), three(Y, a, VEL))
+    _, _, then = levers(C, k, Y, h, ANYWHERE)
+    return 2.0 * (then - d + h * (dot(three(C, k, NORMAL), v) - u)) / (h * h)
 
 
 @inner
@@ -594,7 +613,7 @@ def spread(C, k, Y, t):
     work on what rolls.
     """
     a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-    ra, rb, _ = levers(C, k, Y, 0.0)
+    ra, rb, _ = levers(C, k, Y, 0.0, NEARBY)
     more, two, bend = (0.0, 0.0, 0.0), Y[a, IMASS] > 0.0, 0.0
     sa, sb, d, e = _points(C, k, Y, ra, rb, False)
     ra, rb = plus(ra, sa), plus(rb, sb)
@@ -606,7 +625,9 @@ def spread(C, k, Y, t):
     n = three(C, k, NORMAL)
     ea = ra
     if t > 0.0:
-        ea, eb, _ = levers(C, k, Y, t)
+        if C[k, GAP] > 0.0:  # what only swings down at the end does not close all the gap by then
+            C[k, GAP] += 2.0 * t * t * max(-C[k, BEND], 0.0)
+        ea, eb, _ = levers(C, k, Y, t, NEARBY)
         ea, eb = plus(ea, sa), plus(eb, sb)
         more = plus(cross(three(Y, b, SPIN), minus(eb, rb)), times(t, cross(three(Y, b, FREE_W), rb)))
         more = plus(more, times(bend, n))
@@ -657,7 +678,7 @@ def remember(n, C, Y, search):
     pairs = search.pairs
     for k in range(n):
         a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-        ra, rb, d = levers(C, k, Y, 0.0)
+        ra, rb, d = levers(C, k, Y, 0.0, NEARBY)
         C[k, GAP0] += d
         if C[k, POINTED] > 0.0:
             _, _, apart, e = _points(C, k, Y, ra, rb, True)

@@ -42,7 +42,7 @@ from .columns import (
     TOLERANCE,
     E,
 )
-from .contacts import levers, masses, note, spread
+from .contacts import NEARBY, levers, masses, note, spread
 from .motion import write
 from .solve import HOLDS, PARTS, WAITS, closing, sweep
 
@@ -99,7 +99,7 @@ def _disturb(first, last, C, Y, par, key):
     f, _ = _normals(own, 3)
     turn, shift = times(par[DIRECTION_ERROR], (x, y, z)), times(par[POINT_ERROR], (p, q, r))
     for k in range(first, last):
-        ra, rb, _ = levers(C, k, Y, 0.0)
+        ra, rb, _ = levers(C, k, Y, 0.0, NEARBY)
         n = three(C, k, NORMAL)
         along = minus(shift, times(dot(n, shift), n))
         ra = plus(plus(ra, times(C[k, RHO_A], n)), along)
@@ -127,11 +127,14 @@ def _restore(first, last, C, Y):
 
 @inner
 def _strike(C, k, Y, par):
-    """Prepare a contact for an impact: the rebound wanted, and friction, which is less at speed."""
+    """Prepare a contact for an impact: the rebound wanted, and friction, which is less at speed.
+
+    One that opens waits: if the impact closes it, it has one of its own. To stop it at once would add energy.
+    """
     u = closing(Y, C, k)
     write(C, k, LN, (0.0, 0.0, 0.0))
     write(C, k, MOMENT, (0.0, 0.0, 0.0))
-    C[k, MODE] = PARTS if C[k, GAP] < NEAR else WAITS
+    C[k, MODE] = PARTS if C[k, GAP] < NEAR and u < landing(C, k) else WAITS
     C[k, REBOUND] = -C[k, E] * u if u < -bouncing(C, k) else 0.0
     C[k, MU] /= 1.0 + par[SLIPPERINESS] * max(-u, 0.0)
 

@@ -24,7 +24,7 @@ from .columns import (
     TURNED,
 )
 
-_SLOW_TURN = 1e-6  # square of the angle of a move below which one term of the Magnus series is exact
+_SLOW_TURN = 5e-8  # squared angle of a move below which one term of the Magnus series is exact to round-off
 
 
 @inner(forceinline=True)

@@ -12,6 +12,7 @@ from .columns import (
     ARM_BEFORE,
     ASLEEP,
     BELT_U,
+    BEND,
     BODY_A,
     BODY_B,
     CONTACTS,
@@ -218,12 +219,13 @@ def _start(bodies, Y):
 def _meets(C, k, u, acc, h):
     """Return when within h a contact's gap closes faster than contacts land; infinite if it does not."""
     s, slow = C[k, GAP], landing(C, k)
-    if min(u, u + acc * h) >= -slow or s + u * h + 0.5 * acc * h * h >= 0.0:
-        return math.inf
     if s <= 0.0:
         return 0.0 if u < -slow else math.inf
-    t = 2.0 * s / (-u + math.sqrt(max(u * u - 2.0 * acc * s, 0.0)))
-    return t if u + acc * t < -slow else math.inf
+    root = u * u - 2.0 * acc * s
+    if root <= slow * slow:
+        return math.inf
+    t = 2.0 * s / (math.sqrt(root) - u)
+    return t if 0.0 < t <= h else math.inf
 
 
 @inner(noinline=True)
@@ -239,7 +241,7 @@ def _refresh(first, last, C, Y, h):
         acc = three(Y, b, ACCEL)
         if Y[a, IMASS] > 0.0:
             acc = minus(acc, three(Y, a, ACCEL))
-        t = _meets(C, k, u, dot(acc, three(C, k, NORMAL)), h)
+        t = _meets(C, k, u, dot(acc, three(C, k, NORMAL)) + C[k, BEND], h)
         if C[k, GAP] < FAR:
             C[k, GAP] = gap
         C[k, MODE] = WAITS if t <= h else HOLDS
