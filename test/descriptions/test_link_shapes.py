@@ -7,11 +7,14 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics import UncPhysicsError, load_scene, load_world
 from unc_physics.__main__ import main
+from unc_physics.checks.errors import NotSupportedError
 from unc_physics.descriptions.link_solid import find_link, link_solid
 from unc_physics.descriptions.parts import Shape
 from unc_physics.descriptions.reading import read_description
-from unc_physics.descriptions.shape_solid import box_of, shape_solid
+from unc_physics.descriptions.shape_solid import shape_solid, simple_shape
+from unc_physics.shapes import mesh_pieces as module
 from unc_physics.shapes.mass_properties import mass_properties
+from unc_physics.shapes.packing_file import HULL
 from unc_physics.shapes.pieces import Hull, Lathe
 
 pytest.importorskip("yourdfpy")
@@ -95,6 +98,29 @@ def test_fixed_meshes_of_boxes_are_boxes_of_the_environment(tmp_path):
     np.testing.assert_allclose(mirrored.position, middle * [-1, 1, 1], atol=1e-6)
 
 
+@pytest.mark.parametrize("cut", [False, True])
+def test_other_meshes_are_cut_or_have_their_hull_with_a_note(tmp_path, cut, monkeypatch):
+    plate, wall = trimesh.creation.box([0.1, 0.1, 0.01]), trimesh.creation.box([0.01, 0.1, 0.08])
+    wall.apply_translation([0.045, 0.0, 0.044])
+    trimesh.boolean.union([plate, wall], engine="manifold").export(tmp_path / "bracket.stl")
+    halves = tuple(Hull(part.vertices) for part in (plate, wall))
+
+    def pieces(solid, **_):
+        if not cut:
+            raise NotSupportedError("is not convex", field="mesh")
+        return module.measured_pieces([h.moved(solid.origin, np.eye(3)) for h in halves], "cut", solid)
+
+    monkeypatch.setattr(module, "mesh_pieces", pieces)
+    world = load_world(write_sdf(tmp_path, static_mesh("part", "<uri>bracket.stl</uri>")), spheres=20)
+    model = world.bodies[0].model
+    assert len(model.pieces) == (2 if cut else 1)
+    assert ("its shape is the convex hull, up to" in "".join(world.notes)) != cut
+    if cut:
+        assert model.pieces_error.max() < 1e-6
+    else:
+        assert model.pieces_kind == HULL and model.pieces_error.max() > 0.02
+
+
 @pytest.mark.parametrize("name", ["hollow", "open", "prism", "ball"])
 def test_other_meshes_are_no_boxes(name):
     box = trimesh.creation.box([1.0, 2.0, 3.0])
@@ -105,8 +131,34 @@ def test_other_meshes_are_no_boxes(name):
         "prism": trimesh.creation.cylinder(1.0, 2.0, sections=6),
         "ball": trimesh.creation.icosphere(subdivisions=1),
     }
-    assert box_of(box.vertices, box.faces) is not None
-    assert box_of(meshes[name].vertices, meshes[name].faces) is None
+    assert simple_shape(box.vertices, box.faces) is not None
+    assert simple_shape(meshes[name].vertices, meshes[name].faces) is None
+
+
+def test_fixed_meshes_of_round_shapes_are_elements_of_the_environment(tmp_path):
+    motion = trimesh.transformations.rotation_matrix(0.7, [0, 1, 0])
+    motion[:3, 3] = [0.1, 0.2, 0.3]
+    meshes = {
+        "ball": trimesh.creation.icosphere(subdivisions=3, radius=0.05),
+        "post": trimesh.creation.cylinder(0.03, 0.4, sections=48),
+        "pill": trimesh.creation.capsule(height=0.1, radius=0.02, count=[48, 48]),
+    }
+    for name, mesh in meshes.items():
+        mesh.apply_translation(-mesh.center_mass)
+        mesh.apply_transform(motion)
+        mesh.export(tmp_path / f"{name}.stl")
+    content = "".join(static_mesh(name, f"<uri>{name}.stl</uri>", "0 0 1 0 0 0") for name in meshes)
+    world = load_world(write_sdf(tmp_path, content))
+    assert not world.bodies and not world.left_out
+    ball, post, pill = world.environment
+    assert (ball.shape, post.shape, pill.shape) == ("sphere", "cylinder", "capsule")
+    assert [ball.radius, post.radius, post.length] == pytest.approx([0.05, 0.03, 0.4], abs=1e-6)
+    assert [pill.radius, pill.length] == pytest.approx([0.02, 0.1], abs=1e-5)
+    for element in world.environment:
+        assert element.position == pytest.approx([0.1, 0.2, 1.3], abs=1e-6)
+    for element in (post, pill):
+        axis = Rotation.from_quat(element.orientation).as_matrix()[:, 2]
+        assert abs(axis @ motion[:3, 2]) == pytest.approx(1.0, abs=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from unc_physics.prediction.status import assess, assess_all
 from unc_physics.propagators.balanced_monte_carlo import BalancedMonteCarlo
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane
 from unc_physics.scene.scene_file import scene_from_dict
+from unc_physics.shapes.packing_file import HULL
 from unc_physics.shapes.primitive_models import ball
 
 NAMES = ("linearization", "surrogate", "sigma_points", "local_sampling", "monte_carlo")
@@ -257,6 +258,17 @@ def test_a_note_about_few_spheres_is_about_what_may_meet_them():
     assert text is not None and f"sinks by up to {1e3 * mug.sink:.1f} mm" in text
     enough = [RigidBody(name, load_model("mug")) for name in ("mug", "other")]
     assert few_spheres(Scene.everyday(enough, exact=True), 0) is None
+
+
+def test_a_body_whose_piece_is_only_the_hull_of_its_mesh_has_a_note():
+    error = np.array([1e-3, 2e-3, 3e-3, 0.0123])
+    hull = replace(load_model("salt_box"), pieces_kind=HULL, pieces_error=error)
+    bodies = [RigidBody("hull", hull), RigidBody("box", load_model("salt_box"))]
+    scene = Scene.everyday(bodies, exact=True)
+    belief = Belief.of(scene, {"hull": BodyBelief(position=(1.0, 0.0, 0.0)), "box": BodyBelief()})
+    found = assess(predict(scene, belief, "sigma_points", 0.02), rollouts=0)
+    text = "has the convex hull of its mesh as its piece, up to 12.3 mm off"
+    assert [text in " ".join(status.notes) for status in found] == [True, False]
 
 
 def test_a_note_about_few_spheres_of_a_box_needs_something_small():

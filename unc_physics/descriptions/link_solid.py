@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,8 +13,9 @@ from ..checks.errors import InvalidMeshError, InvalidModelError, InvalidRequestE
 from ..checks.names import hint
 from ..checks.validation import instance, positive
 from ..shapes.mass_properties import MassProperties
+from ..shapes.mesh_pieces import best_pieces
 from ..shapes.packing import pack_solid
-from ..shapes.packing_file import SpherePacking, spheres_reach
+from ..shapes.packing_file import HULL, SpherePacking, spheres_reach
 from ..shapes.pieces import Hull, Piece
 from ..shapes.solid_mesh import SolidMesh, make_solid
 from .inertia import check_inside, check_moments, unusual_inertia
@@ -123,7 +125,15 @@ def packed_link(path: Path, link: Link, spheres: int, *, scale=1.0, uniform=Fals
             **about,
         )
         return packing, found.notes
-    return pack_solid(solid, spheres, pieces=found.pieces, **about), found.notes
+    if found.pieces:
+        return pack_solid(solid, spheres, pieces=found.pieces, **about), found.notes
+    best, notes = best_pieces(solid), found.notes
+    if best is not None and best.kind == HULL:
+        off = f"{1e3 * best.error.largest:.1f} mm off its mesh"
+        without = "" if find_spec("coacd") else "; the library coacd cuts it into convex pieces"
+        notes = (*notes, f"{link.name}: its shape is the convex hull, up to {off}{without}")
+    pieces: dict[str, Any] = best.entries if best is not None else {"pieces": ()}
+    return pack_solid(solid, spheres, **pieces, **about), notes
 
 
 def find_link(description: Description, name: str | None) -> Link:

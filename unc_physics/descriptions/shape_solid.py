@@ -6,18 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidRequestError
+from ..checks.errors import InvalidMeshError, InvalidRequestError
 from ..checks.validation import positive
 from ..shapes.mass_properties import MassProperties, mass_properties
 from ..shapes.mesh_pieces import simple_pieces
 from ..shapes.pieces import Hull, Lathe, Piece, frustum
 from ..shapes.primitive_models import primitive_pieces
 from ..shapes.primitives import cone, primitive
+from ..shapes.recognition import recognized, rotation_to
 from ..shapes.solid_mesh import make_solid, mesh_notes, read_mesh, repaired
-from .parts import Shape
+from ..shapes.surface_error import distances_of_points
+from .parts import PRIMITIVES, Shape
 
 _PROFILE = 64  # corners of a spheroid's profile: its piece lies 0.03 % of the radius inside
-_BOX = 1e-4  # tolerance of a mesh that is a box, share of its edges and volume, and angle [rad]
+#: Tolerance of a mesh that is a primitive: shares of its shortest edge, and of its longest one.
+_NEAR, _ROUND_OFF = 1e-4, 1e-6
 
 
 class ShapeSolid(NamedTuple):
@@ -107,36 +110,48 @@ def mesh_triangles(shape: Shape, repair: bool = False):
     return vertices, faces if np.prod(shape.scale) > 0.0 else faces[:, ::-1], notes
 
 
-def box_of(vertices: np.ndarray, faces: np.ndarray):
-    """Return pose (4, 4) and edges (3,) of a box [m] if triangles are the surface of one; None otherwise."""
-    corners = vertices[faces]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    sizes = np.linalg.norm(areas, axis=1)
-    if not np.any(sizes > 0.0):
+def simple_shape(vertices: np.ndarray, faces: np.ndarray):
+    """Return kind, pose (4, 4) and sizes [m] of the primitive whose surface triangles are, or None.
+
+    Kinds and sizes are those of `Shape`: box, sphere, cylinder and capsule.
+    """
+    try:
+        solid = make_solid("mesh", vertices, faces)
+    except InvalidMeshError:
         return None
-    normals, sizes = areas[sizes > 0.0] / sizes[sizes > 0.0, None], sizes[sizes > 0.0]
-    first = normals[sizes.argmax()]
-    across = np.abs(normals @ first) < _BOX
-    if not across.any():
+    found = recognized(solid.corners, 1)
+    if found is None or len(solid.parts[0]) < len(solid.corners):
         return None
-    second = normals[across][sizes[across].argmax()]
-    axes = np.stack([first, second - (second @ first) * first, np.cross(first, second)], axis=1)
-    axes /= np.linalg.norm(axes, axis=0)
-    if np.abs(normals @ axes).max(axis=1).min() < 1.0 - 0.5 * _BOX**2:
-        return None
-    low, high = (f(vertices[faces].reshape(-1, 3) @ axes, axis=0) for f in (np.min, np.max))
-    middle, edges = axes @ (0.5 * (low + high)), high - low
-    arms = corners - middle
-    volume = np.einsum("ij,ij->", arms[:, 0], np.cross(arms[:, 1], arms[:, 2])) / 6.0
-    if not (edges > 0.0).all() or abs(volume / edges.prod() - 1.0) > _BOX:
+    kind, (piece, *others) = found
+    edges = np.ptp(solid.bounds, axis=0)
+    points = solid.corners.reshape(-1, 3)
+    if kind == "box":
+        points = np.concatenate([points, solid.corners.mean(axis=1)])
+    near = max(_NEAR * float(edges.min()), _ROUND_OFF * float(edges.max()))
+    if kind not in PRIMITIVES or others or np.abs(distances_of_points([piece], points)).max() > near:
         return None
     pose = np.eye(4)
-    order = np.abs(axes).argmax(axis=0).argsort()  # the box's axes are near those of the mesh
-    axes, edges = axes[:, order], edges[order]
-    axes = axes * np.where(axes[np.arange(3), np.arange(3)] < 0.0, -1.0, 1.0)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    pose[:3, :3], pose[:3, 3] = axes, middle
-    return pose, edges
+    if isinstance(piece, Lathe):
+        low, high = piece.profile[:, 1].min(), piece.profile[:, 1].max()
+        pose[:3, :3] = piece.axes
+        middle = piece.origin + 0.5 * (low + high) * piece.axes[:, 2]
+        sizes = [piece.profile[:, 0].max(), high - low]
+    else:
+        assert isinstance(piece, Hull)
+        ends = piece.points
+        middle, sizes = ends.mean(axis=0), [piece.rounding]
+        if kind == "capsule":
+            sizes.append(float(np.linalg.norm(ends[1] - ends[0])))
+            pose[:3, :3] = rotation_to((ends[1] - ends[0]) / sizes[1])
+        elif kind == "box":
+            arms = (ends[[4, 2, 1]] - ends[0]).T
+            arms = arms[:, np.abs(arms / np.linalg.norm(arms, axis=0)).argmax(axis=0).argsort()]
+            sizes = np.linalg.norm(arms, axis=0)
+            axes = arms / sizes * np.where(np.diag(arms) < 0.0, -1.0, 1.0)  # near those of the mesh
+            axes[:, 2] *= np.sign(np.linalg.det(axes))
+            pose[:3, :3] = axes
+    pose[:3, 3] = middle - solid.origin
+    return kind, pose, tuple(map(float, sizes))
 
 
 def _primitive(kind, size):

@@ -19,7 +19,7 @@ from ..spatial.rotation import rotation_matrix
 from .link_solid import packed_link
 from .parts import PRIMITIVES, SOLIDS, Link, Shape
 from .reading import read_description
-from .shape_solid import box_of, mesh_triangles
+from .shape_solid import mesh_triangles, simple_shape
 
 
 class WorldDescription(NamedTuple):
@@ -135,14 +135,14 @@ class _Collected:
         self.notes += notes
 
     def without_elements(self, link: Link) -> Link:
-        """Add a fixed link's primitives and boxes to the environment; return it with its other meshes."""
+        """Add a fixed link's primitives, also as meshes, to the environment; return it with the rest."""
         meshes = []
         for k, shape in enumerate(link.shapes):
             name = link.name if len(link.shapes) == 1 else f"{link.name}_{k}"
             problem = shape.problem
             try:
                 if shape.kind == "mesh" and not problem:
-                    shape, notes = _as_box(shape)
+                    shape, notes = _as_primitive(shape)
                     self.notes += notes
                 if shape.kind in PRIMITIVES and not problem:
                     element = _element(shape, link.pose @ shape.pose, name)
@@ -158,15 +158,15 @@ class _Collected:
         return replace(link, shapes=tuple(meshes))
 
 
-def _as_box(shape: Shape):
-    """Return a mesh as a box if it is one, and notes about its file; otherwise the shape."""
+def _as_primitive(shape: Shape):
+    """Return a mesh as a primitive if it is one, and notes about its file; otherwise the shape."""
     if shape.points is not None:
         return shape, ()
     vertices, faces, notes = mesh_triangles(shape)
-    box = box_of(vertices, faces)
-    if box is None:
+    if (found := simple_shape(vertices, faces)) is None:
         return shape, ()  # notes follow with its packing
-    return replace(shape, kind="box", pose=shape.pose @ box[0], size=tuple(box[1].tolist()), file=None), notes
+    kind, pose, size = found
+    return replace(shape, kind=kind, pose=shape.pose @ pose, size=size, file=None), notes
 
 
 def _element(shape: Shape, pose, name) -> Element:

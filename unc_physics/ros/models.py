@@ -17,6 +17,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from shape_msgs.msg import SolidPrimitive
@@ -379,10 +380,13 @@ class ModelTopics:
     def _pack(self, name, path, solid, spheres):
         """Pack a mesh in the background, then publish the list of models."""
         try:
+            from ..shapes.mesh_pieces import best_pieces
             from ..shapes.packing import pack_solid
 
             # one thread: predictions have priority
-            packing = pack_solid(solid, spheres, threads=1, **_best_pieces(solid))
+            found = best_pieces(solid, seconds=CUTTING_TIMEOUT, threads=1)
+            pieces: dict[str, Any] = found.entries if found else {"pieces": ()}
+            packing = pack_solid(solid, spheres, threads=1, **pieces)
             handle, file = tempfile.mkstemp(suffix=".npz", dir=self._server.library.packed.name)
             os.close(handle)
             save_packing(file, packing)
@@ -423,8 +427,10 @@ def _pack(name, vertices, triangles, spheres):
         from ..shapes.solid_mesh import make_solid
 
         solid = make_solid(name, vertices, triangles)
-        pieces = {}
-        if simple_pieces(solid) is None:
+        pieces: dict[str, Any] = {"pieces": ()}
+        if simple := simple_pieces(solid):
+            pieces = {"pieces": simple[0], "pieces_kind": simple[1]}
+        else:
             with contextlib.suppress(InvalidMeshError):  # too flat
                 pieces = hull_pieces(solid).entries
         packing = pack_solid(solid, spheres, threads=1, **pieces)
@@ -432,18 +438,6 @@ def _pack(name, vertices, triangles, spheres):
         raise NotSupportedError(f"needs {error.name}, which the node lacks, to be packed") from None
     shape_of(packing)
     return packing
-
-
-def _best_pieces(solid):
-    """Return the fields of a model's pieces; those of its hull if it cannot be cut in time."""
-    from ..shapes.mesh_pieces import hull_pieces, mesh_pieces
-
-    try:
-        return mesh_pieces(solid, seconds=CUTTING_TIMEOUT, threads=1).entries
-    except (UncPhysicsError, TimeoutError):
-        with contextlib.suppress(InvalidMeshError):  # too flat
-            return hull_pieces(solid).entries
-    return {}
 
 
 def _solid(path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
@@ -11,7 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks.errors import InvalidMeshError, InvalidModelError, InvalidOptionError, NotSupportedError
+from ..checks.errors import (
+    InvalidMeshError,
+    InvalidModelError,
+    InvalidOptionError,
+    NotSupportedError,
+    UncPhysicsError,
+)
 from .convex_parts import convex_parts
 from .packing_file import HULL
 from .piece_file import PIECES_LIMIT
@@ -160,6 +167,21 @@ def mesh_pieces(
             field=f"mesh {solid.name}",
         )
     return found
+
+
+def best_pieces(
+    solid: SolidMesh, seconds: float | None = None, threads: int | None = None
+) -> MeshPieces | None:
+    """Return the pieces of a solid, or its hull if it cannot be cut; None if it is too flat for one.
+
+    The arguments are those of `mesh_pieces`.
+    """
+    try:
+        return mesh_pieces(solid, seconds=seconds, threads=threads)
+    except (UncPhysicsError, TimeoutError):
+        with contextlib.suppress(InvalidMeshError):
+            return hull_pieces(solid)
+    return None
 
 
 def hull_piece(points: np.ndarray, tolerance: float) -> Hull:

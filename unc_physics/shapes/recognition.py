@@ -57,7 +57,7 @@ def recognized(corners: np.ndarray, most: int) -> Found | None:
             if (piece := test(mesh, *mesh.refined(axis))) is not None:
                 return piece
         if (profile := _profile(mesh, axis)) is not None:
-            turn = _turn_to(axis)
+            turn = rotation_to(axis)
             pieces = _few(profile, most, mesh.extent)
             return "surface of revolution", tuple(piece.moved(mesh.center, turn) for piece in pieces)
     return None
@@ -93,7 +93,7 @@ class _Mesh:
         principal = np.linalg.eigh(self._inertia)[1].T
         found: list[np.ndarray] = []
         for axis in (*principal[[0, 2, 1]], *self.large_normals(3)):
-            across = _turn_to(axis)[:, :2]
+            across = rotation_to(axis)[:, :2]
             moments = np.linalg.eigvalsh(across.T @ self._inertia @ across)
             if moments[0] < (1.0 - _MOMENTS) * moments[1]:
                 continue
@@ -121,7 +121,7 @@ class _Mesh:
             if abs(fitted @ axis) < 0.9:
                 return axis, point
             axis = math.copysign(1.0, float(fitted @ axis)) * fitted
-            turn = _turn_to(axis)
+            turn = rotation_to(axis)
             flat = (self.corners[side].reshape(-1, 3) - point) @ turn[:, :2]
             # the circle x^2 + y^2 = 2 a x + 2 b y + c through the corners of the sides
             system = np.column_stack([2.0 * flat, np.full(len(flat), self.extent)])
@@ -184,7 +184,7 @@ def _cylinder(mesh, axis, point) -> Found | None:
     if not mesh.fits(distance, CHORDS * largest, math.pi * largest**2 * (high - low)):
         return None
     middle = point + 0.5 * (low + high) * axis
-    return "cylinder", (cylinder(float(largest), float(high - low)).moved(middle, _turn_to(axis)),)
+    return "cylinder", (cylinder(float(largest), float(high - low)).moved(middle, rotation_to(axis)),)
 
 
 def _capsule(mesh, axis, point) -> Found | None:
@@ -217,7 +217,7 @@ def _meridian(points, axis, point):
     return np.linalg.norm(arm - np.outer(height, axis), axis=1), height
 
 
-def _turn_to(axis):
+def rotation_to(axis):
     """Return a rotation matrix whose third column is a unit vector."""
     first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     first /= np.linalg.norm(first)
@@ -230,7 +230,7 @@ def _profile(mesh, axis):
     The axis passes through the centre of mass, which is at height 0.
     """
     corners = mesh.corners.reshape(-1, 3)
-    turn = _turn_to(axis)
+    turn = rotation_to(axis)
     local = (corners - mesh.center) @ turn
     radius, height = np.hypot(local[:, 0], local[:, 1]), local[:, 2]
     same = _SAME * mesh.extent
