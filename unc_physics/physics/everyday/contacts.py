@@ -448,17 +448,19 @@ def _core(Y, i, q, way, axle, t):
     The lever is from the ``axle``, if there is one, and its way is relative to the centre of mass; ``way`` is
     its turn since the search.
     """
-    later = arm = (0.0, 0.0, 0.0)
+    later = arm = went = (0.0, 0.0, 0.0)
     if t > 0.0:
         later = times(t, three(Y, i, SPIN))
-    if not axle:
-        r = turned(q, plus(way, later))
-        return r, later, arm, minus(r, q)
-    arm = roll_arm(Y, i)
-    if t > 0.0:
-        arm, later = turned(arm, later), _across(Y, i, later)
-    r = turned(q, plus(way, later))
-    return r, later, arm, plus(minus(r, q), minus(arm, three(Y, i, ARM_BEFORE)))
+    if axle:
+        arm = roll_arm(Y, i)
+        if t > 0.0:
+            arm, later = turned(arm, later), _across(Y, i, later)
+        went = minus(arm, three(Y, i, ARM_BEFORE))
+    whole = plus(way, later)
+    if dot(whole, whole) == 0.0:  # as at the begin of a step
+        return q, later, arm, went
+    r = turned(q, whole)
+    return r, later, arm, plus(minus(r, q), went)
 
 
 @inner(noinline=True)

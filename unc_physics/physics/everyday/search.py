@@ -23,7 +23,9 @@ from ...shapes.columns import (
     NO_FACE,
     POLYGON,
 )
+from ...shapes.columns import GAP as FOUND_GAP
 from ...shapes.columns import NORMAL as FOUND_NORMAL
+from ...shapes.columns import POINT as FOUND_POINT
 from ...shapes.columns import RADIUS as PIECE_RADIUS
 from ...shapes.manifold import contacts_of_pieces, manifold_of_pieces, reduce, write_contact
 from ...shapes.nearest import half_space, nearest
@@ -78,6 +80,7 @@ from .columns import (
     REACH,
     ROT,
     SEARCHES,
+    SLOP,
     SOME,
     SPIN,
     SURE,
@@ -90,7 +93,7 @@ from .motion import back, turn, write
 
 FULL = -1  # instead of a number: there was no room for all
 _ALIKE = 2e-4  # 1 - cosine of normals of which one stands for both (1.1 degrees)
-
+_STRAIGHT = 1e-6  # squared sine up to which contacts are on one line: .1 mm off a line of .1 m
 _LEANS = 0.05  # m/s, speed from which contacts are chosen for what slides: sliding stops within 3 mm
 
 
@@ -438,6 +441,28 @@ def _touching(m, k, b, lean, Y, solids, search):
     return k
 
 
+@inner
+def _extreme(first, end, out):
+    """Drop contacts between two others, which carry its load, as of a can on its rims; return the end."""
+    k = first
+    while k < end:
+        p, dropped = three(out, k, FOUND_POINT), False
+        for i in range(first, end):
+            for j in range(first, i):
+                d, e = minus(p, three(out, i, FOUND_POINT)), minus(three(out, j, FOUND_POINT), p)
+                c, deepest = cross(d, e), min(out[i, FOUND_GAP], out[j, FOUND_GAP])
+                if dot(d, e) > 0.0 and dot(c, c) < _STRAIGHT * dot(d, d) * dot(e, e):
+                    dropped = dropped or out[k, FOUND_GAP] >= deepest - SLOP
+        if dropped:
+            for j in range(k + 1, end):
+                for x in range(CONTACT):
+                    out[j - 1, x] = out[j, x]
+            end -= 1
+        else:
+            k += 1
+    return end
+
+
 @inner(noinline=True)
 def _patches(k, lean, out):
     """Keep few of k contacts along one normal, whatever pieces they are of; return how many are left.
@@ -452,7 +477,7 @@ def _patches(k, lean, out):
                 for x in range(CONTACT if j > end else 0):
                     out[j, x], out[end, x] = out[end, x], out[j, x]
                 end += 1
-        kept = reduce(out, first, end, PATCH, lean, (0.0, 0.0, 0.0))
+        kept = _extreme(first, reduce(out, first, end, PATCH, lean, (0.0, 0.0, 0.0)), out)
         if kept < end:
             for j in range(end, k):
                 for x in range(CONTACT):
