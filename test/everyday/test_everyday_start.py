@@ -137,6 +137,28 @@ def test_a_mean_inside_something_is_freed_by_the_shortest_way():
     np.testing.assert_allclose(states[:, 0, :3], right, atol=FREE)
 
 
+def test_velocities_into_a_contact_are_no_impact():
+    # samples that are moved to the floor do not hit it; what is above, or surely falls, keeps its velocity
+    scene = scene_of([RigidBody("cube", CUBE, 1.0)])
+    for mean, surely in ((-0.02, False), (-1.0, True)):
+        belief = belief_of(
+            scene,
+            cube={
+                "position": (0.0, 0.0, 0.05),
+                "position_std": 0.003,
+                "linear_velocity": (0.2, 0.0, mean),
+                "linear_velocity_std": 0.03,
+            },
+        )
+        drawn, states, _ = begun(scene, belief)
+        low = drawn[:, 0, 2] < 0.05 - FREE
+        right = drawn[:, 0, 3:6].copy()
+        if not surely:
+            right[low, 2] = np.maximum(right[low, 2], 0.0)
+        assert low.any() and not low.all()
+        np.testing.assert_allclose(states[:, 0, 3:6], right, atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("names", "spots"),
     [

@@ -106,8 +106,8 @@ def ball(x=0.0, z=0.1, velocity=(1.0, 0.2, -0.5), spin=(3.0, -2.0, 5.0)):
 def test_spreads_of_tight_beliefs_are_those_of_samples(bodies, x, time, more, integrator):
     belief = independent(*x, position=5e-4, velocity=5e-3, rotation=5e-3)
     scene = everyday(*bodies, integrator=integrator, **more)
-    if scene.overlap == "keep" and min(one[2] for one in x) <= 0.05:
-        pytest.skip("begins inside the floor in half of the samples")
+    if integrator == "contact" and bodies[0].model is BLOCK:
+        pytest.skip("lands from a small tilt: the kick of friction grows with the root of the height")
     found = predict(scene, belief, "linearization", time)
     truth = predict(scene, belief, make_propagator("monte_carlo", samples=SAMPLES), time)
     floors = np.column_stack([np.full(len(bodies), 1e-6), np.full(len(bodies), 1e-5)])

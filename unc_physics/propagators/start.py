@@ -360,17 +360,22 @@ class _ExactResolution(_Resolution):
     def _exact_metric(self, held):
         """Return the metric of `physics.everyday.start`, with some bodies ``held`` (B,)."""
         bodies, given = self._scene.bodies, self._metric
-        covariance = np.zeros((len(bodies), len(bodies), 6, 6))
+        covariance, velocity = np.zeros((2, len(bodies), len(bodies), 6, 6))
         moves = np.array([body.free for body in bodies]) & ~held & (given.place >= 0)
-        pose = np.r_[ERR_POSITION, ERR_ROTATION]
+        pose, speeds = np.r_[ERR_POSITION, ERR_ROTATION], np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]
         for i in np.flatnonzero(moves):
             for j in np.flatnonzero(moves):
-                block = given.covariance[given.place[i]][:, given.place[j]][np.ix_(pose, pose)].copy()
+                both = given.covariance[given.place[i]][:, given.place[j]]
+                velocity[i, j] = both[np.ix_(speeds, speeds)]
+                block = both[np.ix_(pose, pose)].copy()
                 block[3:] = rotation_matrix(self._belief.mean[i, QUATERNION]) @ block[3:]
                 block[:, 3:] = block[:, 3:] @ rotation_matrix(self._belief.mean[j, QUATERNION]).T
                 covariance[i, j] = block
         joint = any(covariance[i, j].any() for i in range(len(bodies)) for j in range(i))
-        return start_of_steps.Metric(covariance, moves, joint)
+        mean = np.concatenate(
+            [self._belief.mean[:, VELOCITY], self._belief.mean[:, ANGULAR_VELOCITY]], axis=1
+        )
+        return start_of_steps.Metric(covariance, velocity, mean, moves, joint)
 
 
 def _resolution(scene, belief, states):

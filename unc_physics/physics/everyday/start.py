@@ -14,7 +14,7 @@ from ...compiler import inner, kernel
 from ...compiler.arrays import zeros
 from ...shapes.columns import ROUNDING
 from ...spatial.layout import STATE as STATE_SIZE
-from ...spatial.layout import P, Q
+from ...spatial.layout import P, Q, V, W
 from ...spatial.rotation import conjugate, cross, log, multiply
 from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
@@ -67,8 +67,11 @@ _LESS = 0.9  # share of the least depth so far that is less
 _CALMER = 0.9  # factor on a drop after a round in which contacts press: of rims few points take part
 _HELD = 0.5  # share of a drop below which contacts hold bodies nearly, and the drop is halved
 _LOWERINGS = 200  # rounds: from .8 m above a support
-_EVEN = 2e-6  # m, change of gaps that ends sweeps: a tenth of the depth that is left
+_EVEN = (
+    2e-6  # m, m/s: change of gaps, and of their speeds, that ends sweeps: a tenth of the depth that is left
+)
 _SAME = 1e-9  # m, way between poses that are the same up to round-off
+_SURE = 5.0  # standard deviations by which a mean velocity closes a contact that is certainly an impact
 _FIRM = 1e-18  # m^2, variance of a gap that nothing moves: round-off
 
 
@@ -77,8 +80,10 @@ class Metric(NamedTuple):
 
     Attributes
     ----------
-    covariance : (B, B, 6, 6) float64
-        Of positions and rotations; zero where a body does not move.
+    covariance, velocity : (B, B, 6, 6) float64
+        Of positions and rotations, and of linear and angular velocities; zero where a body does not move.
+    mean : (B, 6) float64
+        Of velocities.
     moves : (B,) bool
         Bodies that move freely; contacts between two others do not count.
     joint : bool
@@ -86,6 +91,8 @@ class Metric(NamedTuple):
     """
 
     covariance: np.ndarray
+    velocity: np.ndarray
+    mean: np.ndarray
     moves: np.ndarray
     joint: bool
 
@@ -116,7 +123,7 @@ class _Rows(NamedTuple):
 
     lever: np.ndarray  # (rooms, 12): change of the gap by positions and rotations of both bodies
     image: np.ndarray  # (rooms, B, 6): motion for a unit multiplier
-    value: np.ndarray  # (rooms, 3): gap, its change for a unit multiplier, multiplier
+    value: np.ndarray  # (rooms, 3): room to close, its change for a unit multiplier, multiplier
     motion: np.ndarray  # (B, 6): of the round
 
 
@@ -207,6 +214,7 @@ def _separate_one(n, x, nominal, metric, world, look_only, outcome, work, rows):
         return False
     C = work.C if swapped else work.found
     _note(n, found, C, world, outcome.kept, outcome.partner, outcome.first_time[:0])
+    _stop(x, found, C, work.Y, work.solids, metric, rows)
     for i in range(world.count):
         if metric.moves[i] and _way(i, x, work.Y)[2] > _SAME:
             _save_pose(i, x, work.Y)
@@ -341,8 +349,8 @@ def _write_lever(rows, k, at, r, n, sign):
 
 
 @inner
-def _fill(k, C, Y, solids, metric, rows):
-    """Fill gap, levers and images of contact k."""
+def _fill(k, C, Y, solids, covariance, joint, rows):
+    """Fill levers and images of contact k, with no room to close."""
     a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
     pa, pb = int(C[k, PIECE_A]), int(C[k, PIECE_B])
     ra, rb = three(C, k, LEVER_A), three(C, k, LEVER_B)
@@ -352,22 +360,22 @@ def _fill(k, C, Y, solids, metric, rows):
         rb = plus(rb, roll_arm(Y, b))
     _write_lever(rows, k, 0, plus(ra, times(solids.pieces[pa, ROUNDING], n)), n, -1.0)
     _write_lever(rows, k, 6, minus(rb, times(solids.pieces[pb, ROUNDING], n)), n, 1.0)
-    bodies, own, J = len(metric.moves), 0.0, rows.lever
+    bodies, own, J = len(covariance), 0.0, rows.lever
     for j in range(bodies):
-        if not metric.joint and j != a and j != b:
+        if not joint and j != a and j != b:
             continue
         for r in range(6):
             s = 0.0
             for c in range(6):
-                s += metric.covariance[j, b, r, c] * J[k, 6 + c]
+                s += covariance[j, b, r, c] * J[k, 6 + c]
                 if a < bodies:
-                    s += metric.covariance[j, a, r, c] * J[k, c]
+                    s += covariance[j, a, r, c] * J[k, c]
             rows.image[k, j, r] = s
             if j == a:
                 own += J[k, r] * s
             if j == b:
                 own += J[k, 6 + r] * s
-    rows.value[k, 0], rows.value[k, 1], rows.value[k, 2] = C[k, GAP0], own, 0.0
+    rows.value[k, 0], rows.value[k, 1], rows.value[k, 2] = 0.0, own, 0.0
 
 
 @inner
@@ -376,23 +384,60 @@ def _keep_apart(n, warm, C, Y, solids, metric, rows):
 
     The solution of the round before is a first guess if ``warm``. Returns whether anything presses.
     """
-    value, J, motion, pressed = rows.value, rows.lever, rows.motion, False
-    bodies = len(motion)
+    pressed = False
     for k in range(n):
-        _fill(k, C, Y, solids, metric, rows)
-        if warm and value[k, 1] > _FIRM:
+        _fill(k, C, Y, solids, metric.covariance, metric.joint, rows)
+        rows.value[k, 0] = C[k, GAP0] - min(C[k, GAP0] + STRIDE, 0.0)
+        if warm and rows.value[k, 1] > _FIRM:
             _press(k, C[k, WARM], C, metric, rows)
+    _sweep(n, C, metric, rows)
+    for k in range(n):
+        write(C, k, WARM, (rows.value[k, 2], 0.0, 0.0))
+        pressed = pressed or rows.value[k, 2] > 0.0
+    return pressed
+
+
+@inner
+def _stop(x, n, C, Y, solids, metric, rows):
+    """Take from the velocities of a state what closes contacts of bodies that were moved, as if they touched.
+
+    A mean velocity that certainly closes a contact is that of an impact, and stays.
+    """
+    J, value = rows.lever, rows.value
+    for i in range(len(metric.moves)):
+        write(rows.motion, i, 0, three(x, i, V))
+        write(rows.motion, i, 3, three(x, i, W))
+    for k in range(n):
+        _fill(k, C, Y, solids, metric.velocity, metric.joint, rows)
+        a, b, expected, moved = int(C[k, BODY_A]), int(C[k, BODY_B]), 0.0, False
+        for i, at in ((a, 0), (b, 6)):
+            if i < len(metric.moves):
+                moved = moved or (metric.moves[i] and _way(i, x, Y)[2] > _SAME)
+                for c in range(6):
+                    expected += J[k, at + c] * metric.mean[i, c]
+        if not moved or C[k, GAP0] > 2.0 * FREE or expected < -_SURE * math.sqrt(value[k, 1]):
+            value[k, 1] = 0.0
+    _sweep(n, C, metric, rows)
+    for i in range(len(metric.moves)):
+        if metric.moves[i]:
+            write(x, i, V, three(rows.motion, i, 0))
+            write(x, i, W, three(rows.motion, i, 3))
+
+
+@inner
+def _sweep(n, C, metric, rows):
+    """Correct a motion so that no contact closes by more than its room."""
+    value, J, motion = rows.value, rows.lever, rows.motion
     for _ in range(SWEEPS):
         most = 0.0
         for k in range(n):
-            gap, own = value[k, 0], value[k, 1]
+            s, own = value[k, 0], value[k, 1]
             if own < _FIRM:
                 continue
             a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-            s = gap - min(gap + STRIDE, 0.0)
             for c in range(6):
                 s += J[k, 6 + c] * motion[b, c]
-                if a < bodies:
+                if a < len(motion):
                     s += J[k, c] * motion[a, c]
             d = max(value[k, 2] - s / own, 0.0) - value[k, 2]
             if d != 0.0:
@@ -400,10 +445,6 @@ def _keep_apart(n, warm, C, Y, solids, metric, rows):
                 _press(k, d, C, metric, rows)
         if most < _EVEN:
             break
-    for k in range(n):
-        write(C, k, WARM, (value[k, 2], 0.0, 0.0))
-        pressed = pressed or value[k, 2] > 0.0
-    return pressed
 
 
 @inner
