@@ -20,6 +20,7 @@ from .columns import (
     CENTRE,
     COLS,
     COUNTS,
+    FIRST,
     FRAME,
     GAP0,
     GRAVITY,
@@ -28,6 +29,7 @@ from .columns import (
     IMASS,
     IMPULSE,
     INERTIA,
+    LAST,
     NORMAL,
     OFFSET,
     OWN_IMASS,
@@ -52,7 +54,8 @@ from .step import Own, Work, note_contacts, note_squeezes, take_step
 
 _FEW_STEPS = 400  # body steps, over all rollouts, that take less time than starting another thread
 FIRST_ROOM = 12  # contacts for each body at first; more are made room for when a step needs them
-FIRST_LISTS = 64  # rows of the search's lists at first, likewise
+FIRST_LISTS = 64  # rows of the search's lists at first, likewise; all pairs of pieces up to
+_MOST_LISTS = 4096  # so many, which are no memory until they are written
 
 
 class EverydayWorld(NamedTuple):
@@ -239,6 +242,15 @@ class _Result(NamedTuple):
     squeezed: np.ndarray  # (T, N, B, 3)
 
 
+@inner
+def _most_pieces(bodies):
+    """Return the most pieces that a body has."""
+    most = 0
+    for i in range(len(bodies)):
+        most = max(most, int(bodies[i, LAST]) - int(bodies[i, FIRST]))
+    return most
+
+
 @kernel
 def arrays_to_work(world, room, lists, count):
     """Return new arrays for a rollout to work with, with room for contacts and rows of lists."""
@@ -255,7 +267,7 @@ def arrays_to_work(world, room, lists, count):
         empty((UNKNOWNS + 1, UNKNOWNS + 1)),
         empty((4, STATE_SIZE)),
         Solids(world.pieces, world.rows, spots),
-        search_scratch(bodies, lists),
+        search_scratch(bodies, max(lists, min(_most_pieces(world.bodies) ** 2, _MOST_LISTS))),
         count,
     )
 
