@@ -20,7 +20,7 @@ from unc_physics import (
     predict,
     primitive_model,
 )
-from unc_physics.checks.errors import InvalidOptionError, NotSupportedError
+from unc_physics.checks.errors import InvalidOptionError
 from unc_physics.dynamics import contact_history as histories
 from unc_physics.physics.everyday.rollouts import contacts_of
 from unc_physics.scene.contact_world import depths_of_pairs
@@ -276,13 +276,6 @@ def test_a_ball_of_spheres_bounces_on_a_turned_box():
     p = run(scene, 1.8 * fall, ball={"position": (r + 0.1) * up})["ball"]
     assert p.position @ up == pytest.approx(r + 0.64 * 0.1, abs=1e-6)
     assert np.linalg.norm(p.position - (p.position @ up) * up) < 1e-9
-
-
-@pytest.mark.parametrize("method", ["local_sampling", "surrogate"])
-def test_other_methods_name_those_that_can(method):
-    scene = everyday([RigidBody("can", load_model("can"))])
-    with pytest.raises(NotSupportedError, match="sigma_points, monte_carlo, cloud and auto do"):
-        predict(scene, belief_of(scene, {"can": {}}), make_propagator(method), 0.1)
 
 
 def test_a_stiffness_is_refused():

@@ -16,7 +16,7 @@ from unc_physics import (
     load_model,
     predict,
 )
-from unc_physics.scene.physics_keys import COMMON_INTEGRATORS
+from unc_physics.scene.physics_keys import INTEGRATORS
 from unc_physics.scene.scene_file import scene_from_dict
 
 CAN = load_model("can").prefix(20)
@@ -123,11 +123,7 @@ def test_the_explicit_step_says_what_it_cannot_do(body, element, place):
     "name, integrator",
     [
         ("linearization", "explicit"),
-        *(
-            (name, integrator)
-            for name in ("surrogate", "local_sampling")
-            for integrator in COMMON_INTEGRATORS
-        ),
+        *((name, integrator) for name in ("surrogate", "local_sampling") for integrator in INTEGRATORS),
     ],
 )
 def test_propagators_that_cannot_say_so(name, integrator):

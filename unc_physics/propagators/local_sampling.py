@@ -11,10 +11,11 @@ from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
 from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
-from ..scene.physics_keys import COMMON_INTEGRATORS
+from ..scene.physics_keys import INTEGRATORS
 from .base import Propagator, Traits
+from .exact_contacts import advance_over_steps
 from .implicit_local_sampling import advance_solved_covariances
-from .local_clouds import advance_covariances
+from .local_clouds import advance_covariances, cloud_of
 from .options import option
 from .sampled_contacts import TABLE
 from .start import resolve_initial_overlap
@@ -48,7 +49,7 @@ class LocalSampling(Propagator):
 
     name = "local_sampling"
     traits = Traits("nominal", "covariance, per body", False, True, "sampled")
-    integrators = COMMON_INTEGRATORS
+    integrators = INTEGRATORS
 
     samples: int = option(32, "perturbed copies of each contact", low=1, high=_SAMPLES_LIMIT)
     #: the draws depend on it, the step, the contact and the sample, and on nothing else
@@ -64,7 +65,10 @@ class LocalSampling(Propagator):
         world = scene.world
         draws = TABLE, self.samples, self.seed % 2**63
         first, begun = history.first_time[0], carry.step
-        if world.implicit is None:
+        if scene.integrator == "contact":
+            own = cloud_of(covariance, world.bodies.moving, draws)
+            history = advance_over_steps(mean, history, scene, begun, steps, own, covariance)
+        elif world.implicit is None:
             advance_covariances(mean, covariance, first, world, world.environment, begun, steps, draws)
         else:
             source = covariance, draws

@@ -11,13 +11,14 @@ from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
 from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
-from ..scene.physics_keys import COMMON_INTEGRATORS
+from ..scene.physics_keys import INTEGRATORS
 from ..spatial.moments import symmetric_root
 from .base import Propagator, Traits
+from .exact_contacts import advance_over_steps
 from .implicit_surrogate import advance_solved_roots
 from .options import option
 from .start import resolve_initial_overlap
-from .surrogate_contacts import advance_roots
+from .surrogate_contacts import advance_roots, spread_of
 
 
 class SurrogateCarry(NamedTuple):
@@ -45,7 +46,7 @@ class Surrogate(Propagator):
 
     name = "surrogate"
     traits = Traits("nominal", "square-root, per body", False, True, "surrogate")
-    integrators = COMMON_INTEGRATORS
+    integrators = INTEGRATORS
 
     #: how many standard deviations of the contact's position tilt its normal (Eq. 20). The paper leaves it
     #: open; the default has the smallest errors after collisions (``evaluate paper`` sweeps it)
@@ -61,7 +62,10 @@ class Surrogate(Propagator):
         mean, roots, history = carry.mean.copy(), carry.roots.copy(), histories.copy(carry.contact_history)
         world = scene.world
         first, begun = history.first_time[0], carry.step
-        if world.implicit is None:
+        if scene.integrator == "contact":
+            own = spread_of(roots, world.bodies.moving, self.k_sigma)
+            history = advance_over_steps(mean, history, scene, begun, steps, own, roots)
+        elif world.implicit is None:
             advance_roots(mean, roots, first, world, world.environment, begun, steps, self.k_sigma)
         else:
             source = roots, self.k_sigma

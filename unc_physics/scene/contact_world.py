@@ -16,7 +16,7 @@ from ..dynamics.contact_history import ContactHistory
 from ..dynamics.implicit_rollout import Stops
 from ..dynamics.implicit_world import NEVER
 from ..physics.everyday import columns as c
-from ..physics.everyday.rollouts import EverydayWorld, Variation, fresh_memory, recorded
+from ..physics.everyday.rollouts import ContactMemory, EverydayWorld, Variation, fresh_memory, recorded
 from ..shapes.columns import AXES, CENTER, HALF_EXTENT, KIND, LATHE, ORIGIN, RADIUS
 from ..shapes.pieces import PieceArrays, joined, piece_arrays
 from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
@@ -307,7 +307,7 @@ def depths_of_pairs(scene: Scene, states: np.ndarray) -> np.ndarray:
     stops = Stops(np.ones(1, np.int64), np.zeros(1), np.zeros(1), np.ones(1))
     ((_, _, found),) = recorded(still, history.first_time, memory, world, own, 0, stops)
     depths = np.zeros(history.first_time.shape)
-    n, a, b, rows = _remembered(scene, found)
+    n, a, b, rows = remembered(scene, found)
     depth = np.maximum(-rows[:, c.GAP0], 0.0)
     np.maximum.at(depths, (n, b, a), depth)
     among = a < bodies
@@ -319,14 +319,14 @@ def bearing_pairs(scene: Scene, history: ContactHistory) -> np.ndarray:
     """Return which bodies i < j, and bodies and elements, bear on each other: (N, B, B + E) bool."""
     memory: Any = history.solver
     found = np.zeros(history.first_time.shape, bool)
-    n, a, b, rows = _remembered(scene, memory)
+    n, a, b, rows = remembered(scene, memory)
     impulse, normal = (rows[:, k : k + 3] for k in (c.IMPULSE, c.NORMAL))
     bears = np.einsum("ci,ci->c", impulse, normal) > 0.0
     found[n[bears], np.minimum(a, b)[bears], np.maximum(a, b)[bears]] = True
     return found
 
 
-def _remembered(scene, memory):
+def remembered(scene: Scene, memory: ContactMemory) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return rollout, surfaces a and b, and row of each contact of a `ContactMemory`.
 
     Surface a is a body, or B + e for element e; b is a body.

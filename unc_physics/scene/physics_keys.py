@@ -13,8 +13,6 @@ from ..checks.validation import array, flag, non_negative, positive, share
 #: Integrators: the paper's explicit step, implicit contacts of spheres, or contacts of exact shapes; friction
 #: and resting bodies need one of the last two.
 INTEGRATORS = ("explicit", "implicit", "contact")
-#: Those that all propagators support.
-COMMON_INTEGRATORS = ("explicit", "implicit")
 _SUCCESSORS = {"robust": "implicit"}
 #: Treatments of initial overlap.
 OVERLAPS = ("project", "reject", "keep")

@@ -109,7 +109,7 @@ class Scene:
         Whether rotation conserves angular momentum, instead of angular velocity as in the paper.
     integrator : {'explicit', 'implicit', 'contact'}
         The paper's step, or a step with implicit lasting contacts and impacts as events: between spheres, or
-        between exact shapes, which `surrogate` and `local_sampling` do not support yet.
+        between exact shapes.
     stiffness_std, friction_std : float
         Standard deviations, in the parameter's unit. With z standard normal, the parameter is ``m exp(z std /
         m)``; its value m must be positive.
