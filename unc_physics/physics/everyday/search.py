@@ -418,7 +418,9 @@ def _touching(m, k, b, lean, Y, solids, search):
     _sort(near, m)
     for c in range(m):
         gap, pa, pb, n = near[c, N_GAP], int(near[c, N_A]), int(near[c, N_B]), three(near, c, N_NORMAL)
-        near[c, N_ENTRY], reach = 1.0, near[c, N_REACH]  # from here on: whether it stands for its normal
+        # from here on: whether it stands for its normal; it does not for that of others, with which a pair
+        # may come in that is too far, if nothing is known of it
+        near[c, N_ENTRY], reach = 0.0 if near[c, N_HOW] == OTHERS else 1.0, near[c, N_REACH]
         if near[c, N_HOW] == FACES:
             continue
         own = near[c, N_HOW] == OWN and pieces[pa, KIND] != HALF_SPACE
