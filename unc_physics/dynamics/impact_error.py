@@ -8,8 +8,6 @@ they do not depend on other bodies, threads, or the division of steps into calls
 
 import math
 
-import numpy as np
-
 from ..collision.contact_row import (
     AXIS,
     COMPLIANCE,
@@ -25,11 +23,8 @@ from ..collision.contact_row import (
 )
 from ..collision.implicit_workspace import CONTACTS
 from ..compiler import inner
-from ..spatial.random import combine, mix
+from ..spatial.random import combine, two_normals
 from ..spatial.rotation import rotate
-
-_TO_UNIT = 2.0**-53
-_S11, _ONE = np.uint64(11), np.uint64(1)
 
 
 @inner(forceinline=True)
@@ -59,24 +54,14 @@ def disturb(step, impact, bodies, key, error, work):
         own = combine(combine(combine(key, step), impact), min(i, other))
         own = combine(own, max(i, other))
         row = work.rows[c]
-        x, y = _normals(own, 0)
-        z, u = _normals(own, 1)
-        v, w = _normals(own, 2)
-        f, _ = _normals(own, 3)
+        x, y = two_normals(own, 0)
+        z, u = two_normals(own, 1)
+        v, w = two_normals(own, 2)
+        f, _ = two_normals(own, 3)
         d = error.direction
         _turn(row, d * x, d * y, d * z)
         _shift(row, error.point * u, error.point * v, error.point * w, i, j, work.inverse_inertia)
         row[FRICTION] *= math.exp(error.friction * f)
-
-
-@inner
-def _normals(key, number):
-    """Return two independent standard normal numbers for a key (Box-Muller)."""
-    a = mix(combine(key, 2 * number))
-    b = mix(combine(key, 2 * number + 1))
-    size = math.sqrt(-2.0 * math.log(np.float64((a >> _S11) + _ONE) * _TO_UNIT))
-    angle = 2.0 * math.pi * np.float64(b >> _S11) * _TO_UNIT
-    return size * math.cos(angle), size * math.sin(angle)
 
 
 @inner

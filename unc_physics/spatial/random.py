@@ -1,16 +1,19 @@
 """Standard normal numbers from keys; equal keys give equal numbers in any order of calls."""
 
+import math
 from statistics import NormalDist
 
 import numpy as np
 
-from ..compiler import kernel
+from ..compiler import inner, kernel
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2 = np.uint64(0x94D049BB133111EB)
 _S30, _S27, _S31 = np.uint64(30), np.uint64(27), np.uint64(31)
 _S12, _S24, _S36, _S48 = np.uint64(12), np.uint64(24), np.uint64(36), np.uint64(48)
+
+_S11, _ONE, _TO_UNIT = np.uint64(11), np.uint64(1), 2.0**-53
 
 _INDEX_BITS = 12
 _INDEX = np.uint64(2**_INDEX_BITS - 1)
@@ -46,6 +49,15 @@ def mix(key):
 def combine(key, value):
     """Return a key that depends on another key and an integer."""
     return mix((key ^ mix(np.uint64(value) + _GOLDEN)) * _GOLDEN + _GOLDEN)
+
+
+@inner
+def two_normals(key, number):
+    """Return two independent standard normal numbers for a key (Box-Muller)."""
+    a, b = mix(combine(key, 2 * number)), mix(combine(key, 2 * number + 1))
+    size = math.sqrt(-2.0 * math.log(np.float64((a >> _S11) + _ONE) * _TO_UNIT))
+    angle = 2.0 * math.pi * np.float64(b >> _S11) * _TO_UNIT
+    return size * math.cos(angle), size * math.sin(angle)
 
 
 @kernel

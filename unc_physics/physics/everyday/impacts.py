@@ -2,10 +2,8 @@
 
 import math
 
-import numpy as np
-
 from ...compiler import inner
-from ...spatial.random import combine, mix
+from ...spatial.random import combine, two_normals
 from ...spatial.rotation import cross
 from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
@@ -46,8 +44,6 @@ from .contacts import NEARBY, levers, masses, note, spread
 from .motion import write
 from .solve import HOLDS, PARTS, WAITS, closing, sweep
 
-_TO_UNIT = 2.0**-53
-_S11, _ONE = np.uint64(11), np.uint64(1)
 _PARTS_OF_A_STEP = 64  # at most, between which rollouts release bodies
 
 
@@ -61,15 +57,6 @@ def bouncing(C, k):
 def landing(C, k):
     """Return the closing speed from which a contact has an impact."""
     return min(SLOW, bouncing(C, k))
-
-
-@inner
-def _normals(key, number):
-    """Return two independent standard normal numbers for a key (Box-Muller)."""
-    a, b = mix(combine(key, 2 * number)), mix(combine(key, 2 * number + 1))
-    size = math.sqrt(-2.0 * math.log(np.float64((a >> _S11) + _ONE) * _TO_UNIT))
-    angle = 2.0 * math.pi * np.float64(b >> _S11) * _TO_UNIT
-    return size * math.cos(angle), size * math.sin(angle)
 
 
 @inner
@@ -93,10 +80,10 @@ def _disturb(first, last, C, Y, par, key):
     i, j = int(C[first, SURFACE_A]), int(C[first, SURFACE_B])
     own = combine(combine(key, int(par[STEP_NUMBER]) * _PARTS_OF_A_STEP + int(par[PART])), min(i, j))
     own = combine(combine(own, max(i, j)), int(C[first, STRUCK]))
-    x, y = _normals(own, 0)
-    z, p = _normals(own, 1)
-    q, r = _normals(own, 2)
-    f, _ = _normals(own, 3)
+    x, y = two_normals(own, 0)
+    z, p = two_normals(own, 1)
+    q, r = two_normals(own, 2)
+    f, _ = two_normals(own, 3)
     turn, shift = times(par[DIRECTION_ERROR], (x, y, z)), times(par[POINT_ERROR], (p, q, r))
     for k in range(first, last):
         ra, rb, _ = levers(C, k, Y, 0.0, NEARBY)
