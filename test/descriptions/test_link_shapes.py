@@ -140,7 +140,7 @@ def test_fixed_meshes_of_round_shapes_are_elements_of_the_environment(tmp_path):
     motion[:3, 3] = [0.1, 0.2, 0.3]
     meshes = {
         "ball": trimesh.creation.icosphere(subdivisions=3, radius=0.05),
-        "post": trimesh.creation.cylinder(0.03, 0.4, sections=48),
+        "post": trimesh.creation.cylinder(0.03, 0.4, sections=48).subdivide(),  # with corners on chords
         "pill": trimesh.creation.capsule(height=0.1, radius=0.02, count=[48, 48]),
     }
     for name, mesh in meshes.items():

@@ -13,7 +13,7 @@ from ..shapes.mesh_pieces import simple_pieces
 from ..shapes.pieces import Hull, Lathe, Piece, frustum
 from ..shapes.primitive_models import primitive_pieces
 from ..shapes.primitives import cone, primitive
-from ..shapes.recognition import recognized, rotation_to
+from ..shapes.recognition import CHORDS, recognized, rotation_to
 from ..shapes.solid_mesh import make_solid, mesh_notes, read_mesh, repaired
 from ..shapes.surface_error import distances_of_points
 from .parts import PRIMITIVES, Shape
@@ -128,7 +128,11 @@ def simple_shape(vertices: np.ndarray, faces: np.ndarray):
     if kind == "box":
         points = np.concatenate([points, solid.corners.mean(axis=1)])
     near = max(_NEAR * float(edges.min()), _ROUND_OFF * float(edges.max()))
-    if kind not in PRIMITIVES or others or np.abs(distances_of_points([piece], points)).max() > near:
+    if kind not in PRIMITIVES or others:
+        return None
+    away = distances_of_points([piece], points)
+    sagitta = 0.0 if kind == "box" else CHORDS * 0.5 * float(edges.min())
+    if away.max() > near or away.min() < -near - sagitta:
         return None
     pose = np.eye(4)
     if isinstance(piece, Lathe):
