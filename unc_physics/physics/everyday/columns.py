@@ -133,6 +133,7 @@ NEAR = 2e-4  # m, contacts that take part in an impact: flatness of machined fac
 CUTS = 8  # of a step at impacts, shared by the bodies of a group; more only cost time in piles
 IMPACTS_MOST, IMPACT_SWEEPS = 16, 50  # rounds over a group's pairs, and over the contacts of a pair
 PUSH, PUSH_MOST = 0.2, 0.1  # share of the depth that a substep takes out, and the most [m/s]: no visible hop
+PUSH_ENDS = 1e-4  # m/s, change of these speeds that ends sweeps: .4 um in a step, of 20 um that are left
 GHOST = 1e-4  # m, another contact's normal that parts two pieces up to this replaces their own
 DEEPER = 1e-4  # m, a nearest point that is nearer than all corners by more is a contact of its own
 SLEEP_AFTER = 0.1  # s at rest after which a group sleeps

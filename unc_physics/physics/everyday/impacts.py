@@ -146,7 +146,7 @@ def impacts(start, end, C, Y, par, key, count):
                     _strike(C, k, Y, par)
                 for _sweep in range(IMPACT_SWEEPS):
                     count[IMPACT_VISITS] += last - first
-                    if sweep(first, last, C, Y, 1.0) < 0.1 * TOLERANCE:
+                    if sweep(first, last, C, Y, 1.0) < 0.3 * TOLERANCE:
                         break
                 note(first, last, C)
                 for k in range(first, last):

@@ -32,6 +32,7 @@ from .columns import (
     MU,
     NORMAL,
     PUSH,
+    PUSH_ENDS,
     PUSH_MOST,
     PUSH_V,
     PUSH_W,
@@ -270,7 +271,7 @@ def push_out(first, last, members, C, Y, h):
             if Y[a, IMASS] > 0.0:
                 write(Y, a, PUSH_V, minus(three(Y, a, PUSH_V), times(d * Y[a, IMASS], n)))
                 write(Y, a, PUSH_W, minus(three(Y, a, PUSH_W), times(d, three(C, k, IA))))
-        if most < TOLERANCE:
+        if most < PUSH_ENDS:
             break
     _pay(members, Y, h)
 
