@@ -16,6 +16,7 @@ from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.scene import IMPACT_STDS, Scene
 from unc_physics.shapes.packing_file import SpherePacking
+from unc_physics.shapes.pieces import Hull, ball
 from unc_physics.spatial.layout import POSITION, QUATERNION, STATE
 
 FOLDER = Path(__file__).parent / "data" / "pushes"
@@ -135,6 +136,19 @@ def block(support: int) -> SpherePacking:
         volume=pushes.mass / 2700.0,
         origin=np.zeros(3),
         bounding_radius=reach,
+        pieces=[
+            *(
+                Hull(
+                    [
+                        [*(edge.start + edge.inward * EDGE + t * edge.along - com), low + HEIGHT]
+                        for t in (edge.margin, edge.length - edge.margin)
+                    ],
+                    EDGE,
+                )
+                for edge in edges()
+            ),
+            *(ball(FOOT, (*foot, low + FOOT)) for foot in feet),
+        ],
     )
 
 

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
-from unc_physics_evaluation.methods import MARGINAL, STILL
+from unc_physics_evaluation.methods import MARGINAL, OURS, STILL
 from unc_physics_evaluation.push_predictions import push_outcomes, push_predictions
 from unc_physics_evaluation.recorded_pushes import (
     FOLDER,
@@ -32,6 +33,27 @@ def test_the_block_is_the_documented_one():
     assert (high[:2] < pushes.polygon[[1, 2], [0, 1]] - pushes.com).all()  # sharp corners are left out
     assert low[2] == pytest.approx(-0.5 * pushes.height, abs=1e-12)
     np.testing.assert_allclose(feet_of(PATCH).mean(axis=0), pushes.com, atol=1e-6)
+
+
+def test_the_blocks_pieces_are_where_its_spheres_are():
+    model = block(0)
+    along = np.linspace(0.0, 1.0, 200)[:, None]
+    line = np.concatenate([p.points[0] + along * (p.points[-1] - p.points[0]) for p in model.pieces])
+    assert cKDTree(line).query(model.centers)[0].max() < 5e-4
+    assert cKDTree(model.centers).query(line)[0].max() < 5e-4
+    assert {p.rounding for p in model.pieces} == set(np.unique(model.radii))
+
+
+def test_a_push_by_exact_shapes_ends_near_the_other_step():
+    """Block, tips and table as measured: of one tip both steps agree within the repeats."""
+    k = int(np.flatnonzero(recorded_pushes().kind == 0)[1])
+    ends = [
+        planar(next(push_predictions(FOLDER, [k], [k], OURS, True, 0, integrator))[OURS]).mean(axis=0)
+        for integrator in ("implicit", "contact")
+    ]
+    assert abs(ends[0] - planar_before(k))[:2].max() > 5e-3
+    assert ends[1][2] == pytest.approx(ends[0][2], abs=0.02)
+    np.testing.assert_allclose(ends[1][:2], ends[0][:2], atol=5e-4)
 
 
 @pytest.mark.parametrize("kind, tip", [(0, 0.55), (2, 0.34)])

@@ -69,6 +69,23 @@ def test_a_set_as_documented(folder):
         read_sets(folder)
 
 
+def test_another_integrator_is_ours_alone(folder):
+    jobs = experiment.jobs(Settings(quick=True, data=str(folder), integrator="contact"))
+    assert {(job.parameters["by"], job.parameters["given"]) for job in jobs} == {
+        (OURS, "default"),
+        (OURS, "calibrated"),
+    }
+    published = experiment.jobs(Settings(quick=True, data=str(folder)))
+    assert not any("integrator" in job.parameters for job in published)
+    own = next(job for job in jobs if job.parameters["given"] == "default")
+    other = next(
+        job for job in published if (job.parameters["by"], job.parameters["given"]) == (OURS, "default")
+    )
+    one, two = ({row.quantity: row.value for row in experiment.run(job).rows} for job in (own, other))
+    assert one["position score rest"] != two["position score rest"]
+    assert one["position score rest"] == pytest.approx(two["position score rest"], rel=0.5)
+
+
 def test_refused_folders(tmp_path):
     with pytest.raises(UncPhysicsError, match="--data must be a folder"):
         read_sets(tmp_path / "nothing")

@@ -38,6 +38,7 @@ from ..scores import brier_score
 TITLE = "Reality"
 TIMES = ("0.1 s", "0.2 s", "0.4 s", "rest")
 DEFAULTS, EXACT, CALIBRATED = "default", "exact", "calibrated"
+IMPLICIT = "implicit"
 #: As exact, by the step over exact shapes.
 SHAPES = "exact shapes"
 #: Packings of a cube, whose spheres are in order of size, so that its corners are cut.
@@ -64,18 +65,22 @@ def jobs(settings: Settings) -> list[Job]:
     for name, own in read_sets(settings.data).items():
         count = min(len(own.motions), size["motions"])
         for by in (*available(), MARGINAL):
-            for given in _givens(own, by):
+            for given in _givens(own, by, settings.integrator):
                 folds = _folds(own, by, given, count)
                 for fold in range(folds):
                     parameters = settings.parameters(
                         data=settings.data or "", set=name, by=by, given=given, fold=fold, folds=folds, **size
                     )
+                    if settings.integrator != IMPLICIT:
+                        parameters["integrator"] = settings.integrator
                     found.append(Job("reality", parameters, cost=_cost(own, parameters, count)))
     return found
 
 
-def _givens(own, by):
+def _givens(own, by, integrator):
     """With what a method predicts a set."""
+    if integrator != IMPLICIT:
+        return (DEFAULTS, CALIBRATED) if by == OURS else ()
     if by == MARGINAL:
         return (DEFAULTS,)
     if by != OURS or isinstance(own, PushSet):
@@ -121,7 +126,8 @@ def run(job: Job) -> Outcome:
     if isinstance(own, PushSet):
         tests = [own.pushes[k] for k in tests]
         every = [own.pushes[k] for k in order]
-        made = push_predictions(own.folder, tests, every, p["by"], p["given"] == CALIBRATED, seed)
+        integrator = p.get("integrator", IMPLICIT)
+        made = push_predictions(own.folder, tests, every, p["by"], p["given"] == CALIBRATED, seed, integrator)
         poses = push_outcomes(own.folder, tests)
         rows = [
             row
@@ -153,7 +159,7 @@ def _by_physics(own: RecordedSet, tests, others, p, seed: int) -> list[Row]:
         flies = model.scene
         rows += [Row(p["by"], f"fitted {name}", "1", value, replicate=p["fold"]) for name, value in values]
     else:
-        flies = own.measured_scene(others)
+        flies = _measured(own, others, p)
         model = own.model(others, _given(own, flies, p["by"], p["given"]))
     normals = face_normals(own.scene.bodies[0].model)
     tested = own.recorded(flies, tests)  # with all corners: flights end with the first contact
@@ -171,6 +177,12 @@ def _by_physics(own: RecordedSet, tests, others, p, seed: int) -> list[Row]:
     if isinstance(simulate, RecordedEngine):
         simulate.close()
     return rows
+
+
+def _measured(own: RecordedSet, others, p) -> Scene:
+    """Return the scene with measured gravity, with the integrator of a job."""
+    scene = own.measured_scene(others)
+    return scene if p.get("integrator", IMPLICIT) == IMPLICIT else with_exact_shapes(scene)
 
 
 def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
@@ -194,7 +206,7 @@ def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
 
 def _calibrated(own: RecordedSet, others, p, simulate: Simulator, seed: int) -> tuple[Model, list]:
     """Return the model fitted to other motions, and its values."""
-    scene = own.measured_scene(others)
+    scene = _measured(own, others, p)
     names = FITTABLE if p["by"] == OURS else [name for name in FITTABLE if name != "impact_friction_speed"]
     if own.starts is not None:
         names = [name for name in names if not name.endswith("_noise")]
