@@ -20,9 +20,8 @@ from unc_physics import (
     predict,
     primitive_model,
 )
-from unc_physics.checks.errors import InvalidOptionError
+from unc_physics.checks.errors import InvalidOptionError, NotSupportedError
 from unc_physics.dynamics import contact_history as histories
-from unc_physics.physics.everyday.rollouts import contacts_of
 from unc_physics.scene.contact_world import depths_of_pairs
 from unc_physics.shapes import signed_distance
 
@@ -184,15 +183,35 @@ def test_rollouts_depend_neither_on_their_order_nor_on_threads(pile):
 def test_contacts_can_be_read_and_carry_the_weight(sleep):
     scene = everyday([RigidBody("box", load_model("salt_box"))], sleep=sleep)
     belief = belief_of(scene, {"box": {"position": (0.0, 0.0, 0.061)}})
-    carry = carry_after(scene, belief, make_propagator("monte_carlo", samples=1), [60])
-    found = contacts_of(carry.contact_history.solver, 0)
-    assert len(found.gap) == 4
-    np.testing.assert_allclose(found.normal, np.tile([0.0, 0.0, 1.0], (4, 1)), atol=1e-6)
-    assert found.pair.tolist() == [[1, 0]] * 4
-    np.testing.assert_allclose(abs(found.point), np.tile([0.039, 0.023, 0.0], (4, 1)), atol=1e-4)
-    np.testing.assert_allclose(
-        found.impulse.sum(axis=0), [0.0, 0.0, scene.bodies[0].mass * G * scene.dt], atol=1e-6
-    )
+    p = predict(scene, belief, make_propagator("monte_carlo", samples=2), times=[0.01, 0.25])
+    found = p.contacts()
+    assert found["rollout"].tolist() == [0] * 4 + [1] * 4
+    np.testing.assert_allclose(found["normal"], np.tile([0.0, 0.0, 1.0], (8, 1)), atol=1e-6)
+    assert set(found["first"]) == {1} and set(found["second"]) == {0}
+    np.testing.assert_allclose(abs(found["point"]), np.tile([0.039, 0.023, 0.0], (8, 1)), atol=1e-4)
+    assert (abs(found["gap"]) < 5e-5).all()
+    weight = [0.0, 0.0, scene.bodies[0].mass * G * scene.dt]
+    np.testing.assert_allclose(found["impulse"][:4].sum(axis=0), weight, atol=1e-6)
+
+
+def test_contacts_of_a_shorter_last_step_have_its_impulse_and_its_things():
+    low, high = (Box((1, 1, 0.1), (x, 0, -0.05), name=f"at {x}") for x in (-0.51, 0.51))
+    bodies = [RigidBody(name, load_model("salt_box")) for name in ("a", "b")]
+    scene = everyday(bodies, environment=[low, high])
+    states = {"a": {"position": (0.0, 0.0, 0.061)}, "b": {"position": (0.0, 0.0, 0.183)}}
+    p = predict(scene, belief_of(scene, states), make_propagator("monte_carlo", samples=1), 0.251)
+    found = p.contacts()
+    assert set(zip(found["first"], found["second"], strict=True)) == {(0, 1), (2, 0), (3, 0)}
+    rest, m = 0.251 - 60 * scene.dt, scene.bodies[0].mass
+    for ground, weight in ((found["second"] == 0, 2.0), (found["second"] == 1, 1.0)):
+        np.testing.assert_allclose(found["impulse"][ground].sum(axis=0)[2], weight * m * G * rest, rtol=1e-3)
+
+
+def test_contacts_of_spheres_are_no_data():
+    scene = everyday([RigidBody("box", load_model("salt_box"))], integrator="implicit")
+    p = run(scene, 0.01, box={"position": (0.0, 0.0, 0.2)})
+    with pytest.raises(NotSupportedError, match="no contacts as data"):
+        p.contacts()
 
 
 def test_each_body_has_friction_of_its_own():

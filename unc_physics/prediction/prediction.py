@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NoReturn, overload
 
+import numpy as np
+
+from ..checks.errors import NotSupportedError
 from ..checks.validation import instance
 from ..plots.scene_picture import draw_prediction
+from ..scene.contact_world import contact_table
 from . import probability as probabilities
 from .events import Event, Touches
 from .predicted_body import Origin, PredictedBody, Trajectory
@@ -154,3 +158,31 @@ class Prediction(PredictionData):
         instance(event, Touches, "event")
         event.check(self.scene, "event")
         return probabilities.contact_time(self.scene, self.initial, self.at(time), event)
+
+    def contacts(self, *, time: float | None = None) -> np.ndarray:
+        """Return the contacts of the simulated rollouts in the last step before a time.
+
+        Parameters
+        ----------
+        time : float, optional
+            As in `at`.
+
+        Returns
+        -------
+        (n,) structured array
+            Columns ``rollout``; ``first`` and ``second``, numbers of bodies, or of elements after all bodies;
+            ``point`` in the middle of the gap [m] and ``normal`` from the first to the second, world frame;
+            ``gap``, below zero for a depth [m]; ``impulse`` of the step on the second, world axes [N s].
+
+        Raises
+        ------
+        NotSupportedError
+            For scenes without the integrator ``contact``.
+        InvalidRequestError
+            If nothing was predicted for that time.
+        """
+        if self.scene.integrator != "contact":
+            raise NotSupportedError(
+                "has no contacts as data; 'contact' has", field="integrator", value=self.scene.integrator
+            )
+        return contact_table(self.scene, self.at(time).carry.contact_history)

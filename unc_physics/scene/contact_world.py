@@ -326,6 +326,37 @@ def bearing_pairs(scene: Scene, history: ContactHistory) -> np.ndarray:
     return found
 
 
+#: Columns of `contact_table`.
+CONTACT = np.dtype(
+    [
+        ("rollout", np.int64),
+        ("first", np.int64),
+        ("second", np.int64),
+        ("point", float, 3),
+        ("normal", float, 3),
+        ("gap", float),
+        ("impulse", float, 3),
+    ]
+)
+
+
+def contact_table(scene: Scene, history: ContactHistory) -> np.ndarray:
+    """Return the contacts of each rollout's last step as an array with the columns `CONTACT`.
+
+    Things are numbered as in `environment.thing_names`. The point is in the middle of the gap [m], which is
+    below zero for a depth. The normal is from the first thing to the second, and the impulse of the step is
+    on the second [N s]; all are in the world frame.
+    """
+    memory: Any = history.solver
+    n, a, b, rows = remembered(scene, memory)
+    found = np.zeros(len(n), CONTACT)
+    found["rollout"], found["first"], found["second"] = n, a, b
+    found["gap"] = rows[:, c.GAP0]
+    for name, first in (("point", c.POINT), ("normal", c.NORMAL), ("impulse", c.IMPULSE)):
+        found[name] = rows[:, first : first + 3]
+    return found
+
+
 def remembered(scene: Scene, memory: ContactMemory) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return rollout, surfaces a and b, and row of each contact of a `ContactMemory`.
 

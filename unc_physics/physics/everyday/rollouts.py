@@ -22,19 +22,15 @@ from .columns import (
     COUNTS,
     FIRST,
     FRAME,
-    GAP0,
     GRAVITY,
     GROUPS,
     IBODY,
     IMASS,
-    IMPULSE,
     INERTIA,
     LAST,
-    NORMAL,
     OFFSET,
     OWN_IMASS,
     PART,
-    POINT,
     QUIET,
     RADIUS,
     REMEMBERED,
@@ -192,42 +188,6 @@ def fresh_memory(count: int, bodies: int) -> ContactMemory:
         np.zeros((count, bodies)),
         np.zeros(count, np.uint64),
         np.zeros((count, bodies, 3)),
-    )
-
-
-class Contacts(NamedTuple):
-    """Contacts of one rollout's last step.
-
-    Attributes
-    ----------
-    pair : (n, 2) int64
-        Bodies a and b; for an element of the environment the number of bodies.
-    point : (n, 3) array
-        Middle of the gap, world frame [m].
-    normal : (n, 3) array
-        Unit vector from a to b.
-    gap : (n,) array
-        [m]; below zero: depth.
-    impulse : (n, 3) array
-        Impulse on b in the last step, world frame [N s]; the one on a is opposite.
-    """
-
-    pair: np.ndarray
-    point: np.ndarray
-    normal: np.ndarray
-    gap: np.ndarray
-    impulse: np.ndarray
-
-
-def contacts_of(memory: ContactMemory, rollout: int) -> Contacts:
-    """Return the contacts of a rollout's last step as data."""
-    rows = memory.contact[rollout, : memory.count[rollout]]
-    return Contacts(
-        rows[:, BODY_A : BODY_A + 2].astype(np.int64),
-        rows[:, POINT : POINT + 3],
-        rows[:, NORMAL : NORMAL + 3],
-        rows[:, GAP0],
-        rows[:, IMPULSE : IMPULSE + 3],
     )
 
 
