@@ -35,6 +35,7 @@ from unc_physics.propagators.base import Samples
 SECOND_ORDER = 0.01  # terms beyond the first order in errors of some mrad and mrad/s
 AS_PRINTED = 0.2  # Eq. 14 turns at the spin of the beginning of each step
 SURFACE = 0.01  # a surface through 32 rollouts
+BOUNCE = 0.03  # terms beyond the first order in the time of the bounce
 STEP = 0.06  # a body that slides stops at the end of a step
 COUNT = 400  # samples
 SAMPLING = 5.0 * np.sqrt(2.0 / COUNT)  # five standard errors of a variance, which are larger than of a mean
@@ -216,6 +217,60 @@ def stood(mean, directions):
     return ranks | {f"direction {k}": all_of_them[:, k::directions] for k in range(directions)}
 
 
+# -- bounces -----------------------------------------------------------------------------------------
+
+
+def bouncing(names, restitution):
+    """A case of balls that bounce once on a smooth floor, at times of their own."""
+    bodies = [RigidBody(name, BALL, 0.5 + k) for k, name in enumerate(names)]
+    scene = Scene.everyday(
+        bodies, exact=True, integrator="contact", friction=0.0, restitution=restitution, environment=[FLOOR]
+    )
+    mean = np.array(
+        [
+            state((2.0 * k, 0.1, 0.35 + 0.1 * k), (0.4, -0.3, -1.0 + 0.2 * k), (1.0, 2.0, -0.5))
+            for k in range(len(bodies))
+        ]
+    )
+    roots = {name: 0.3 * root for name, root in flown(len(bodies)).items()}
+    return Case(scene, mean, bounced(mean, restitution), roots, (0.1, 0.5), BOUNCE, CONTACT)
+
+
+def bounced(mean, restitution):
+    """Return the closed form of a bounce: an error of the height delays it, and its speed is another one."""
+
+    def closed_form(time):
+        end, blocks = mean.copy(), []
+        for x, own in zip(mean, end, strict=True):
+            A = np.eye(12)
+            A[P, V] = time * np.eye(3)
+            turn = Rotation.from_rotvec(time * x[10:])
+            shares = (np.arange(200)[:, None] + 0.5) / 200
+            A[TH, W] = (
+                time * turn.as_matrix().T @ Rotation.from_rotvec(shares * time * x[10:]).as_matrix().mean(0)
+            )
+            own[:3] += time * x[3:6]
+            own[6:10] = (turn * Rotation.from_quat(x[6:10])).as_quat()
+            height, speed = x[2] - BALL.bounding_radius, x[5]
+            closing = np.sqrt(speed**2 + 2.0 * G * height)
+            hit = (speed + closing) / G
+            own[2], own[5] = own[2] - 0.5 * G * time**2, speed - G * time
+            if time > hit:
+                left = time - hit
+                rebound = restitution * closing
+                own[2] = BALL.bounding_radius + rebound * left - 0.5 * G * left**2
+                own[5] = rebound - G * left
+                # by an error of height, and of the speed
+                d_closing = np.array([G, speed]) / closing
+                d_hit = np.array([1.0 / closing, (1.0 + speed / closing) / G])
+                A[5, [2, 5]] = restitution * d_closing + G * d_hit
+                A[2, [2, 5]] = restitution * d_closing * left - own[5] * d_hit
+            blocks.append(A)
+        return end, block_diag(*blocks)
+
+    return closed_form
+
+
 # -- the table ---------------------------------------------------------------------------------------
 
 BOTH = "ball", "plate"
@@ -238,6 +293,8 @@ CASES = {
     "contact, both, plane": lambda: flying("contact", BOTH, **BELOW, damping=0.5),
     "contact, plate, weightless": lambda: flying("contact", ["plate"], **WEIGHTLESS),
     "contact, rest of two, wall": lambda: standing(2, environment=[FLOOR, WALL], **CONTACT_STEP),
+    "contact, bounce": lambda: bouncing("a", 0.8),
+    "contact, bounce of two": lambda: bouncing("ab", 0.8),
     "contact, slide of two": lambda: standing(2, speed=1.0, **CONTACT_STEP),
     "contact, slide without friction": lambda: standing(2, speed=1.0, friction=0.0, **CONTACT_STEP),
 }
@@ -276,15 +333,18 @@ def assert_equal(found, expected, tolerance, floor, message):
 @pytest.mark.parametrize("name", CASES)
 def test_moments_and_samples_equal_the_closed_form(name, method):
     case = case_of(name)
+    if name == "contact, bounce of two" and method.traits.mean_update != "nominal":
+        pytest.skip("an estimated mean has terms of second order")
     bodies, floor = len(case.mean), np.tile(case.floor, len(case.mean))
     tolerance = case.tolerance
     if isinstance(method, Samples):
         tolerance += SAMPLING if method.random_moments else SURFACE
-    if method.name in PER_BODY and case.mean[:, 10:].any():
+    exact = case.scene.integrator == "contact"
+    if method.name in PER_BODY and case.mean[:, 10:].any() and not exact:
         tolerance += AS_PRINTED
     for kind, root in case.roots.items():
         P0 = root @ root.T
-        if method.name in PER_BODY and case.floor is STICKING and P0[:, 3:6].any():
+        if method.name in PER_BODY and case.floor is STICKING and P0[:, 3:6].any() and not exact:
             continue
         found = predict(case.scene, Belief(case.mean, P0), method, times=case.times)
         for time in case.times:

@@ -227,7 +227,7 @@ def write_cholesky(P, first, L):
         pivot = P[first + c, first + c]
         for m in range(c):
             pivot -= L[c, m] * L[c, m]
-        if pivot <= 1e-15 * scale:
+        if pivot <= 1e-15 * max(scale, 0.0):
             continue
         L[c, c] = math.sqrt(pivot)
         for r in range(c + 1, 3):

@@ -11,11 +11,13 @@ from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
 from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
+from ..scene.marks import whole
 from ..scene.physics_keys import INTEGRATORS
 from .base import Propagator, Traits
-from .exact_contacts import advance_over_steps
+from .contact_kicks import PerturbedContacts
+from .contact_steps import advanced
 from .implicit_local_sampling import advance_solved_covariances
-from .local_clouds import advance_covariances, cloud_of
+from .local_clouds import advance_covariances
 from .options import option
 from .sampled_contacts import TABLE
 from .start import resolve_initial_overlap
@@ -44,7 +46,8 @@ class LocalSampling(Propagator):
     -----
     The mean is a rollout with the full physics. A perturbed contact keeps the nominal volume; its direction
     and its lever arms are those of the perturbed spheres, the inertia is the nominal one. Positions and
-    rotations are drawn independently, as in Eq. 31.
+    rotations are drawn independently, as in Eq. 31. On exact shapes `contact_steps` says what acts, and all
+    contacts of a pair share their draws.
     """
 
     name = "local_sampling"
@@ -59,16 +62,26 @@ class LocalSampling(Propagator):
         mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
         return LocalSamplingCarry(mean[0], belief.blocks.copy(), history, 0)
 
+    def advance_through(self, carry, scene, marks):
+        if scene.integrator != "contact":
+            return super().advance_through(carry, scene, marks)
+        method = PerturbedContacts(TABLE, self.samples, self.seed % 2**63, np.empty(1, np.uint64))
+        own = carry.mean, carry.covariance, carry.contact_history
+        through = advanced(*own, method, scene, carry.step, marks, turns=2)
+        steps = [mark.fraction_of(scene.dt) for mark in marks]
+        return [
+            LocalSamplingCarry(*at, 0)._replace(step=step) for at, step in zip(through, steps, strict=True)
+        ]
+
     def advance(self, carry, scene, steps):
+        if scene.integrator == "contact":
+            return self.advance_through(carry, scene, [whole(carry.step + steps, scene.dt)])[0]
         mean, covariance = carry.mean.copy(), carry.covariance.copy()
         history = histories.copy(carry.contact_history)
         world = scene.world
         draws = TABLE, self.samples, self.seed % 2**63
         first, begun = history.first_time[0], carry.step
-        if scene.integrator == "contact":
-            own = cloud_of(covariance, world.bodies.moving, draws)
-            history = advance_over_steps(mean, history, scene, begun, steps, own, covariance)
-        elif world.implicit is None:
+        if world.implicit is None:
             advance_covariances(mean, covariance, first, world, world.environment, begun, steps, draws)
         else:
             source = covariance, draws

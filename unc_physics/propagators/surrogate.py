@@ -11,14 +11,16 @@ from ..dynamics import contact_history as histories
 from ..dynamics.contact_history import ContactHistory
 from ..dynamics.implicit_rollout import FIRST_ROOM
 from ..scene.belief import Belief
+from ..scene.marks import whole
 from ..scene.physics_keys import INTEGRATORS
 from ..spatial.moments import symmetric_root
 from .base import Propagator, Traits
-from .exact_contacts import advance_over_steps
+from .contact_kicks import TiltedNormals
+from .contact_steps import advanced
 from .implicit_surrogate import advance_solved_roots
 from .options import option
 from .start import resolve_initial_overlap
-from .surrogate_contacts import advance_roots, spread_of
+from .surrogate_contacts import advance_roots
 
 
 class SurrogateCarry(NamedTuple):
@@ -41,7 +43,8 @@ class Surrogate(Propagator):
     -----
     The mean is a rollout with the full physics. The contact points of Eqs. 16 to 20 and 23 are the spheres'
     centres; all contacts of a step see the covariance after the drift. The environment's normals do not tilt:
-    its contacts move the mean alone.
+    its contacts move the mean alone. On exact shapes `contact_steps` says what acts, and `k_sigma` counts ten
+    times, because an impulse acts once.
     """
 
     name = "surrogate"
@@ -58,14 +61,22 @@ class Surrogate(Propagator):
         mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
         return SurrogateCarry(mean[0], symmetric_root(belief.blocks), history, 0)
 
+    def advance_through(self, carry, scene, marks):
+        if scene.integrator != "contact":
+            return super().advance_through(carry, scene, marks)
+        method = TiltedNormals(self.k_sigma)
+        own = carry.mean, carry.roots, carry.contact_history
+        through = advanced(*own, method, scene, carry.step, marks, turns=1)
+        steps = [mark.fraction_of(scene.dt) for mark in marks]
+        return [SurrogateCarry(*at, 0)._replace(step=step) for at, step in zip(through, steps, strict=True)]
+
     def advance(self, carry, scene, steps):
+        if scene.integrator == "contact":
+            return self.advance_through(carry, scene, [whole(carry.step + steps, scene.dt)])[0]
         mean, roots, history = carry.mean.copy(), carry.roots.copy(), histories.copy(carry.contact_history)
         world = scene.world
         first, begun = history.first_time[0], carry.step
-        if scene.integrator == "contact":
-            own = spread_of(roots, world.bodies.moving, self.k_sigma)
-            history = advance_over_steps(mean, history, scene, begun, steps, own, roots)
-        elif world.implicit is None:
+        if world.implicit is None:
             advance_roots(mean, roots, first, world, world.environment, begun, steps, self.k_sigma)
         else:
             source = roots, self.k_sigma
