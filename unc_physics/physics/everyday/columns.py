@@ -76,7 +76,9 @@ SAVED = 108  # normal and tangents while an impact's error turns them
 SURFACE_A, SURFACE_B = 117, 118  # numbers of materials: a body's, or B + e of element e
 STRUCK = 119  # impacts in this step
 BEND = 120  # acceleration of the gap by turns, where it changes the gap in a substep [m/s^2]
-COLS = 121
+EASE_N, EASE_T = 121, 122  # spin by a unit moment about the normal, and the sum for the tangents
+ROLL_SPEED = 123  # speed of a point at the contact's lever by a unit moment about a tangent
+COLS = 124
 
 # ---- pairs of bodies
 CLEAR = 0  # no contact before the bodies' TRAVEL adds up to this

@@ -36,6 +36,8 @@ from .columns import (
     CLEAR,
     DRIFT,
     DRIVEN,
+    EASE_N,
+    EASE_T,
     EDGE,
     FACE_OF,
     FAR,
@@ -89,6 +91,7 @@ from .columns import (
     RIM_A,
     RIM_B,
     ROLL,
+    ROLL_SPEED,
     ROLLING,
     ROT,
     ROW0,
@@ -663,6 +666,19 @@ def masses(C, k, Y, ra, rb):
     det = 1.0 / (k11 * k22 - tw * tw)
     C[k, K11], C[k, K12], C[k, K22] = k22 * det, -tw * det, k11 * det
     C[k, MASS_T] = 1.0 / (0.5 * (k11 + k22) + math.sqrt(0.25 * (k11 - k22) ** 2 + tw * tw))
+    if C[k, TWIST] > 0.0 or C[k, ROLL] > 0.0:
+        C[k, EASE_N] = _ease(Y, C, k, three(C, k, NORMAL))
+        C[k, EASE_T] = _ease(Y, C, k, three(C, k, TAN1)) + _ease(Y, C, k, three(C, k, TAN2))
+        u, v = three(C, k, JB + 3), three(C, k, JB + 6)
+        C[k, ROLL_SPEED] = C[k, EASE_T] * math.sqrt(dot(u, u) + dot(v, v))
+
+
+@inner
+def _ease(Y, C, k, e):
+    """Return the relative spin about a direction by a unit moment about it."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    found = dot(e, symmetric_times(Y, b, IWORLD, e))
+    return found + dot(e, symmetric_times(Y, a, IWORLD, e)) if Y[a, IMASS] > 0.0 else found
 
 
 @inner

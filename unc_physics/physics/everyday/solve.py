@@ -9,6 +9,8 @@ from .columns import (
     BEFORE,
     BODY_A,
     BODY_B,
+    EASE_N,
+    EASE_T,
     EXTRAPOLATE,
     FARTHEST,
     FEW_SWEEPS,
@@ -38,6 +40,7 @@ from .columns import (
     PUSH_W,
     REBOUND,
     ROLL,
+    ROLL_SPEED,
     SLOP,
     SPIN,
     SURFACE_U,
@@ -103,7 +106,7 @@ def _resist(Y, C, k):
     n, t1, t2 = three(C, k, NORMAL), three(C, k, TAN1), three(C, k, TAN2)
     a, b, old, ln = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, MOMENT), C[k, LN]
     w = minus(three(Y, b, SPIN), three(Y, a, SPIN))
-    easy, across = _ease(Y, C, k, n), _ease(Y, C, k, t1) + _ease(Y, C, k, t2)
+    easy, across = C[k, EASE_N], C[k, EASE_T]
     top, most = C[k, TWIST] * ln, C[k, ROLL] * ln
     m = min(max(old[0] - dot(n, w) / easy, -top), top)
     x, y = old[1] - dot(t1, w) / across, old[2] - dot(t2, w) / across
@@ -114,16 +117,7 @@ def _resist(Y, C, k):
     d = minus(new, old)
     write(C, k, MOMENT, new)
     _twist_by(Y, C, k, plus(times(d[0], n), plus(times(d[1], t1), times(d[2], t2))))
-    arm = dot(three(C, k, JB + 3), three(C, k, JB + 3)) + dot(three(C, k, JB + 6), three(C, k, JB + 6))
-    return abs(d[0]) * easy * C[k, TWIST] + (abs(d[1]) + abs(d[2])) * across * math.sqrt(arm)
-
-
-@inner
-def _ease(Y, C, k, e):
-    """Return the relative spin about a direction by a unit moment about it."""
-    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-    found = dot(e, symmetric_times(Y, b, IWORLD, e))
-    return found + dot(e, symmetric_times(Y, a, IWORLD, e)) if Y[a, IMASS] > 0.0 else found
+    return abs(d[0]) * easy * C[k, TWIST] + (abs(d[1]) + abs(d[2])) * C[k, ROLL_SPEED]
 
 
 @inner(noinline=True, error_model="numpy")
