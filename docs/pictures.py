@@ -65,7 +65,7 @@ def animation(name: str, *options: str) -> Picture:
 
 
 #: Sources of pictures of models.
-DRAWING = "unc_physics/shapes/picture.py", "unc_physics/shapes/piece_mesh.py"
+DRAWING = "unc_physics/plots/model_picture.py", "unc_physics/shapes/piece_mesh.py"
 
 
 def model(name: str, up: str = "z") -> Picture:

@@ -26,9 +26,9 @@ def draw(path: Path) -> None:
     from matplotlib.figure import Figure
 
     from unc_physics import load_model, pack_solid
+    from unc_physics.plots.model_picture import draw_balls, draw_triangles, view_axes
     from unc_physics.shapes import household_meshes as meshes
     from unc_physics.shapes.mesh_pieces import mesh_pieces
-    from unc_physics.shapes.picture import draw_balls, draw_triangles, view_axes
     from unc_physics.shapes.piece_mesh import piece_mesh
     from unc_physics.shapes.solid_mesh import make_solid
 

@@ -285,8 +285,8 @@ def _aligned(rows):
 def run_show(arguments: argparse.Namespace) -> int:
     """Draw a model."""
     _require("matplotlib")
+    from ..plots.model_picture import draw_levels
     from ..shapes.library import load_model
-    from ..shapes.picture import draw_levels
 
     packing = load_model(arguments.model, arguments.models)
     parts = [packing.prefix(k) for k in (10, 100, 1000, 10_000) if k < len(packing)] + [packing]

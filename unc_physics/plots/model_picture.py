@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..checks.shown import drawn_text, plain_digits
-from .piece_mesh import piece_mesh
+from ..shapes.piece_mesh import piece_mesh
 
 PIXELS = 640
 VIEW = np.array([0.62, -0.70, 0.36])  # towards the eye, z up
