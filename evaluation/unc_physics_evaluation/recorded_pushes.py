@@ -24,6 +24,7 @@ KINDS = ("point", "two_point_translation", "two_point_rotation")
 PATCH = 4  # the support by the whole face
 DT = 1.0 / 120.0  # s
 _TIP, EDGE, _SPACING, FOOT = 1.5e-4, 3e-3, 1.5e-4, 3e-3  # m: radii of tips, edges and feet; between spheres
+_SIDE = 1e-3  # m, half of the flat side of the block's piece, at the tips' height
 HEIGHT = 0.0125  # m, of the tips above the block's underside
 _STIFFNESS = 1e11  # N/m^3: at which a tip sinks in by 0.02 mm
 #: Where the tips of a pusher with one, and of one with two are in its frame [m].
@@ -127,6 +128,11 @@ def block(support: int) -> SpherePacking:
     centers.append(np.column_stack([feet, np.full(len(feet), low + FOOT)]))
     radii.append(np.full(len(feet), FOOT))
     places, sizes = np.concatenate(centers), np.concatenate(radii)
+    own = edges()
+    inset = [
+        b.start - com + EDGE * (a.inward + b.inward) / (1.0 + a.inward @ b.inward)
+        for a, b in zip([own[-1], *own], own, strict=False)
+    ]
     reach = float(np.max(np.linalg.norm(places, axis=1) + sizes))
     return SpherePacking(
         name=f"block_{support}",
@@ -137,16 +143,7 @@ def block(support: int) -> SpherePacking:
         origin=np.zeros(3),
         bounding_radius=reach,
         pieces=[
-            *(
-                Hull(
-                    [
-                        [*(edge.start + edge.inward * EDGE + t * edge.along - com), low + HEIGHT]
-                        for t in (edge.margin, edge.length - edge.margin)
-                    ],
-                    EDGE,
-                )
-                for edge in edges()
-            ),
+            Hull([(*corner, low + HEIGHT + z) for corner in inset for z in (-_SIDE, _SIDE)], EDGE),
             *(ball(FOOT, (*foot, low + FOOT)) for foot in feet),
         ],
     )

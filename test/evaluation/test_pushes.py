@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 from unc_physics_evaluation.methods import MARGINAL, OURS, STILL
@@ -14,6 +13,7 @@ from unc_physics_evaluation.recorded_pushes import (
     PATCH,
     REPEATS_STD,
     block,
+    edges,
     feet_of,
     measured_frictions,
     planar,
@@ -35,13 +35,18 @@ def test_the_block_is_the_documented_one():
     np.testing.assert_allclose(feet_of(PATCH).mean(axis=0), pushes.com, atol=1e-6)
 
 
-def test_the_blocks_pieces_are_where_its_spheres_are():
-    model = block(0)
-    along = np.linspace(0.0, 1.0, 200)[:, None]
-    line = np.concatenate([p.points[0] + along * (p.points[-1] - p.points[0]) for p in model.pieces])
-    assert cKDTree(line).query(model.centers)[0].max() < 5e-4
-    assert cKDTree(model.centers).query(line)[0].max() < 5e-4
-    assert {p.rounding for p in model.pieces} == set(np.unique(model.radii))
+def test_the_blocks_pieces_have_its_sides_and_feet():
+    model, low = block(0), -0.5 * recorded_pushes().height
+    side, *feet = model.pieces
+    for foot, place in zip(feet, feet_of(0) - recorded_pushes().com, strict=True):
+        np.testing.assert_allclose(foot.points[0], (*place, low + foot.rounding))
+    for edge in edges():
+        line = edge.start - recorded_pushes().com
+        reach = (side.points[:, :2] - line) @ edge.inward - side.rounding
+        np.testing.assert_allclose(np.sort(reach)[:4], 0.0, atol=1e-12)
+        assert (reach > -1e-12).all()
+    spheres = model.centers[:-3]
+    np.testing.assert_allclose(spheres[:, 2], side.points[:, 2].mean())
 
 
 def test_a_push_by_exact_shapes_ends_near_the_other_step():
