@@ -325,7 +325,7 @@ def _pair(a, b, far, dt, n, Y, solids, C, old, search, count):
                 C[n, x] = old[j, x]
             n += 1
         return n
-    slack = dt * (Y[a, SURGE] + Y[b, SURGE]) + 2.0 * DRIFT
+    slack = dt * max(Y[a, SURGE], Y[b, SURGE]) + DRIFT  # one falls on what holds the other one
     k, gap = meet(a, b, far, dt, slack, Y, solids, old, first, had, search, count)
     if k == FULL:
         return FULL
