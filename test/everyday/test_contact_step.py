@@ -20,7 +20,7 @@ from unc_physics import (
     predict,
     primitive_model,
 )
-from unc_physics.checks.errors import InvalidOptionError, NotSupportedError
+from unc_physics.checks.errors import DivergedError, InvalidOptionError, NotSupportedError
 from unc_physics.dynamics import contact_history as histories
 from unc_physics.scene.contact_world import depths_of_pairs
 from unc_physics.shapes import signed_distance
@@ -373,3 +373,9 @@ def test_floors_tilt_and_paths_are_offset_by_each_rollouts_own_draws():
     a, turn = -0.1 * z["trajectory", 0], 0.5 * z["trajectory", 5]
     expected = np.column_stack([1.0 + a - 0.5 * np.sin(turn), 0.5 * np.cos(turn), np.full(20, 0.5)])
     np.testing.assert_allclose(p.samples()[:, 0, :3], expected, atol=1e-9)
+
+
+def test_what_leaves_the_range_of_numbers_is_named():
+    scene = everyday([RigidBody("box", load_model("salt_box"))])
+    with pytest.raises(DivergedError):
+        run(scene, 0.1, box={"position": (0, 0, 0.2), "linear_velocity": (1e200, 0.0, 0.0)})

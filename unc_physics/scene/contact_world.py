@@ -19,7 +19,7 @@ from ..physics.everyday import columns as c
 from ..physics.everyday.rollouts import ContactMemory, EverydayWorld, Variation, fresh_memory, recorded
 from ..shapes.columns import AXES, CENTER, HALF_EXTENT, KIND, LATHE, ORIGIN, RADIUS
 from ..shapes.pieces import PieceArrays, joined, piece_arrays
-from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
+from ..spatial.layout import ANGULAR_VELOCITY, QUATERNION, VELOCITY
 from ..spatial.rotation import exp_vectors, rotate_vectors, rotation_matrix
 from .environment import thing_names
 from .marks import Mark
@@ -27,6 +27,7 @@ from .scene import Scene
 
 _SAME_AXIS = 1e-9  # m, and of directions: round-off between lathes of one body
 _AN_INSTANT = 1e-9  # s: a step in which nothing moves
+_FARTHEST = 1e12  # m, m/s, rad/s: what moves farther has left the range of numbers
 _BALL = 1e-9  # relative difference of a ball's moments of inertia
 _SETTLING_STEP = 1.0 / 120.0  # s, of bodies that come to rest
 _FIRST_SETTLING, _LONGEST_SETTLING = 0.15, 1.0  # s, of the first attempt, and of the last one at most
@@ -278,8 +279,16 @@ def recorded_contacts(
     begin: int,
     marks: Sequence[Mark],
 ) -> list[tuple[np.ndarray, ContactHistory]]:
-    """Return states and histories of rollouts at each of several marks, ascending; the given ones stay."""
+    """Return states and histories of rollouts at each of several marks, ascending; the given ones stay.
+
+    Rollouts that have left the range of numbers are not simulated; their states become NaN.
+    """
     memory: Any = history.solver
+    lost = ~(np.abs(states) < _FARTHEST).all(axis=(1, 2))
+    if lost.any():
+        states = states.copy()
+        states[lost] = 0.0
+        states[lost, :, QUATERNION.stop - 1] = 1.0
     found = recorded(
         states,
         history.first_time,
@@ -289,6 +298,8 @@ def recorded_contacts(
         begin,
         scene.stops(begin, marks),
     )
+    for x, _, _ in found if lost.any() else ():
+        x[lost] = np.nan
     return [(x, history._replace(first_time=first, solver=solver)) for x, first, solver in found]
 
 

@@ -49,7 +49,7 @@ def adjustable(scene: Scene, belief: Belief) -> list[AdjustableQuantity]:
     for key, (place, least, unit) in STDS.items():
         value = _spread(belief, place)
         found.append(AdjustableQuantity(key, value, _round(max(_RANGE * value, least)), unit))
-    if scene.integrator == "implicit":
+    if scene.integrator != "explicit":
         for key in _MATERIALS:
             value = float(getattr(scene, key) or 0.0)
             most = 1.0 if key.startswith("restitution") else _round(max(1.0, _RANGE * value))
