@@ -228,8 +228,11 @@ def _move(i, before, after, contact, count, world, law, blocks):
         for r in range(ERROR):
             for c in range(ERROR):
                 room[r, c] = 0.0
-                for k in range(ERROR):
-                    room[r, c] += F[r, k] * S[k, c]
+            for k in range(ERROR):
+                f = F[r, k]
+                if f != 0.0:  # most are zero in flight
+                    for c in range(ERROR):
+                        room[r, c] += f * S[k, c]
         for r in range(ERROR):
             for c in range(ERROR):
                 S[r, c] = room[c, r] if blocks.turns == 2 else room[r, c]
