@@ -1,4 +1,4 @@
-"""Velocities after small contact problems without friction, against a non-negative least-squares solution.
+"""Small contact problems: without friction against non-negative least squares, with it against Coulomb's law.
 
 Impulses J^T x with x >= 0 at contacts that may only open, J v >= 0, and no rebound: the velocities v are the
 nearest ones to those before, in the metric of the masses. Their dual is a problem for `scipy.optimize.nnls`.
@@ -11,7 +11,8 @@ from plain_scenes import state
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from unc_physics import Box
+from unc_physics import Belief, Box, make_propagator
+from unc_physics.physics.everyday.rollouts import contacts_of
 
 STEP = 1e-4  # s, in which nothing moves far
 SIZE = np.array([0.1, 0.08, 0.06])
@@ -115,3 +116,88 @@ def test_a_stack_that_is_pressed(seed, ratio):
     contacts += [(1, 0, p, (0, 0, 1)) for p in meet]
     bodies = [solid_box("low", SIZE, 0.5), solid_box("high", SIZE, 0.5 * ratio)]
     check(bodies, start, contacts, [FLOOR], 3e-4)
+
+
+# -- with Coulomb's friction ----------------------------------------------------------------------------
+
+
+def step_with_contacts(scene, start):
+    """Return the velocities (B, 2, 3) after one step, and its contacts."""
+    propagator = make_propagator("monte_carlo", samples=1)
+    carry = propagator.advance(propagator.init(scene, Belief.exact(start, scene.moving)), scene, 1)
+    end = carry.states[0]
+    return np.stack([end[:, 3:6], end[:, 10:]], axis=1), contacts_of(carry.contact_history.solver, 0)
+
+
+def misfit(bodies, start, after, contacts, mu):
+    """Return by how much velocities and impulses break the laws of Newton, Signorini and Coulomb [m/s].
+
+    The impulses at the contacts must give the change of the velocities; they only push, and where a contact
+    opens there is none; friction is in its cone, and where a contact slides on the cone against the velocity.
+    """
+    before = np.stack([start[:, 3:6], start[:, 10:]], axis=1)
+    given, worst, light = before.copy(), 0.0, min(body.mass for body in bodies)
+    for (a, b), point, normal, impulse in zip(
+        contacts.pair, contacts.point, contacts.normal, contacts.impulse, strict=True
+    ):
+        u = np.zeros(3)
+        for k, sign in ((a, -1.0), (b, 1.0)):
+            if k < len(bodies):
+                body, R = bodies[k], Rotation.from_quat(start[k, 6:10]).as_matrix()
+                arm = point - start[k, :3]
+                given[k, 0] += sign * impulse / body.mass
+                inertia = body.mass * R @ body.model.inertia @ R.T
+                given[k, 1] += sign * np.linalg.solve(inertia, np.cross(arm, impulse))
+                u += sign * (after[k, 0] + np.cross(after[k, 1], arm))
+        closing, push = normal @ u, normal @ impulse / light
+        slip, friction = u - closing * normal, impulse / light - push * normal
+        size, speed = np.linalg.norm(friction), np.linalg.norm(slip)
+        worst = max(worst, -closing, -push, min(closing, push), size - mu * push)
+        if push > 0.0:
+            worst = max(worst, min(speed, mu * push - size))  # what slides is on the cone
+            if min(speed, size) > 0.0:
+                worst = max(worst, min(speed, size) * 0.5 * np.linalg.norm(slip / speed + friction / size))
+    return max(worst, np.abs(given - after)[:, 0].max(), 0.05 * np.abs(given - after)[:, 1].max())
+
+
+def pressed_face(rng):
+    """A box whose face is pressed to the floor: four contacts."""
+    start = moving(rng, 0.01, [(0, 0, 0.03)], about((0, 0, 1), rng.uniform(0, 3)))
+    start[:, 5] = -0.02
+    return [solid_box("b", SIZE, 0.5)], start, [FLOOR]
+
+
+def pressed_edge(rng):
+    """A box that lies on an edge: two contacts."""
+    turn = Rotation.from_rotvec([0, 0.5, 0])
+    start = moving(rng, 0.01, [(0, 0, -turn.apply(CORNERS)[:, 2].min())], turn.as_quat())
+    start[:, 5] = -0.02
+    return [solid_box("b", SIZE, 0.5)], start, [FLOOR]
+
+
+def ball_in_corner(rng):
+    """A ball at three walls: three contacts."""
+    start = moving(rng, 0.01, [(0.03, 0.03, 0.03)])
+    start[0, 3:6] = -np.abs(start[0, 3:6])
+    walls = [FLOOR, Box((0.02, 1, 1), (-0.01, 0, 0.4)), Box((1, 0.02, 1), (0, -0.01, 0.4))]
+    return [solid_ball("b", 0.03, 0.2)], start, walls
+
+
+def heap_of_balls(rng):
+    """A ball on two that lie on the floor: four contacts of three bodies."""
+    top = 0.03 + 0.06 * np.sin(np.pi / 3)
+    start = moving(rng, 0.004, [(-0.03, 0, 0.03), (0.03, 0, 0.03), (0, 0, top)])
+    start[:, 5] = -0.01
+    return [solid_ball(f"b{k}", 0.03, m) for k, m in enumerate(rng.uniform(0.1, 0.5, 3))], start, [FLOOR]
+
+
+@pytest.mark.parametrize("problem", [pressed_face, pressed_edge, ball_in_corner, heap_of_balls])
+@pytest.mark.parametrize("mu", [0.1, 0.4, 0.9])
+def test_impulses_obey_coulombs_law(problem, mu):
+    """Random small problems, slow enough to be solved together."""
+    for seed in range(10):
+        bodies, start, environment = problem(np.random.default_rng(seed))
+        scene = world(*bodies, dt=STEP, gravity=None, friction=mu, environment=environment)
+        after, contacts = step_with_contacts(scene, start)
+        assert np.linalg.norm(contacts.impulse, axis=1).max() > 1e-3 * bodies[0].mass, "contacts must act"
+        assert misfit(bodies, start, after, contacts, mu) < 3e-4, seed
