@@ -833,6 +833,19 @@ def a_belt_takes_a_box_along(dt):
 
 
 @law
+def a_turning_surface_takes_a_ball_along(dt):
+    """Torsional friction: moment times normal force over the moment of inertia, up to the surface's spin."""
+    r, length, spin = 0.03, 1e-3, 3.0
+    table = slab(
+        (1, 1, 0.02), (0, 0, -0.01), surface_angular_velocity=(0, 0, spin), torsional_friction=length
+    )
+    scene = world(solid_ball("b", r, 0.2, torsional_friction=length), dt=dt, environment=[table])
+    path = course(scene, state((0, 0, r)), [0.05, 0.3])[:, 0]
+    yield "spin after .05 s [rad/s]", 0.05 * length * G / (0.4 * r * r), path[0, 12], 0.01
+    yield "spin in the end [rad/s]", spin, path[1, 12], 0.001
+
+
+@law
 def a_lift_raises_a_box(dt):
     """It keeps to the lift."""
     board = solid_box("lift", (0.2, 0.2, 0.02), 1).model

@@ -78,7 +78,8 @@ STRUCK = 119  # impacts in this step
 BEND = 120  # acceleration of the gap by turns, where it changes the gap in a substep [m/s^2]
 EASE_N, EASE_T = 121, 122  # spin by a unit moment about the normal, and the sum for the tangents
 ROLL_SPEED = 123  # speed of a point at the contact's lever by a unit moment about a tangent
-COLS = 124
+BELT_W = 124  # angular velocity of a's surface as a belt [rad/s]
+COLS = 127
 
 # ---- pairs of bodies
 CLEAR = 0  # no contact before the bodies' TRAVEL adds up to this

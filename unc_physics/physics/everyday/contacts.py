@@ -29,6 +29,7 @@ from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
     ARM_BEFORE,
     BELT_U,
+    BELT_W,
     BEND,
     BODY_A,
     BODY_B,
@@ -179,11 +180,13 @@ def _complete(C, n, Y, solids, surface, materials):
         C[n, ROLL] = _mean(materials, ROLLING, sa, sb, pair)
     C[n, SURFACE_A], C[n, SURFACE_B], C[n, STRUCK] = sa, sb, 0.0
     e = sa - (things - len(surface))
-    v = (0.0, 0.0, 0.0)
+    v = w = (0.0, 0.0, 0.0)
     if len(surface) > 0 and e >= 0:
+        w = three(surface, e, 3)
         arm = plus(three(C, n, LEVER_A), times(C[n, RHO_A], normal))
         point = plus(three(Y, a, CENTRE), arm)
-        v = plus(three(surface, e, 0), cross(three(surface, e, 3), point))
+        v = plus(three(surface, e, 0), cross(w, point))
+    write(C, n, BELT_W, w)
     write(C, n, BELT_U, (0.0, dot(v, t1), dot(v, t2)))
     C[n, MODE] = 0.0
     write(C, n, IMPULSE, (0.0, 0.0, 0.0))

@@ -7,6 +7,7 @@ from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
     ACCEL,
     BEFORE,
+    BELT_W,
     BODY_A,
     BODY_B,
     EASE_N,
@@ -105,7 +106,7 @@ def _resist(Y, C, k):
     """
     n, t1, t2 = three(C, k, NORMAL), three(C, k, TAN1), three(C, k, TAN2)
     a, b, old, ln = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, MOMENT), C[k, LN]
-    w = minus(three(Y, b, SPIN), three(Y, a, SPIN))
+    w = minus(three(Y, b, SPIN), plus(three(Y, a, SPIN), three(C, k, BELT_W)))
     easy, across = C[k, EASE_N], C[k, EASE_T]
     top, most = C[k, TWIST] * ln, C[k, ROLL] * ln
     m = min(max(old[0] - dot(n, w) / easy, -top), top)
