@@ -188,6 +188,20 @@ def test_a_body_that_tumbles_without_forces_is_accurate_to_round_off():
     assert errors[0] < 3e-6 and errors[1] < 0.1 * errors[0] and errors[2] < 5e-7, errors
 
 
+@pytest.mark.parametrize("gap", [3e-4, 3e-3])
+@pytest.mark.parametrize("dt, speed, way", [(1 / 120, 6.0, 0.05), (1 / 240, 15.0, 0.05 + 0.3 * 15 / 240)])
+def test_a_body_that_is_struck_meets_what_is_behind_it_in_the_same_step(dt, speed, way, gap):
+    """A ball at rest before a thin wall, or before another ball, gets the speed of one that flies at it."""
+    balls = [solid_ball(name, 0.02, 0.1) for name in "abc"]
+    start = np.array([state((-0.04 - way, 0, 0), (speed, 0, 0)), state(), state((0.04 + gap, 0, 0))])
+    space = {"dt": dt, "gravity": None, "friction": 0.0}
+    end = run(world(*balls, environment=(), restitution=1.0, **space), start, 0.2)
+    np.testing.assert_allclose(end[:, 3], [0, 0, speed], rtol=0, atol=0.02 * speed)
+    wall = Box((0.002, 1, 1), (0.02 + gap + 0.001, 0, 0), name="wall")
+    end = run(world(*balls[:2], environment=[wall], **space), start[:2], 0.2)
+    assert end[1, 0] < gap + 2e-4
+
+
 # -- symmetry ----------------------------------------------------------------------------------------
 
 

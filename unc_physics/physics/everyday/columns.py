@@ -35,7 +35,8 @@ ROLLS = 89  # 1 where there is such an axis
 OFFSET = 90  # centre of mass in the pieces' axes
 OWN_IMASS = 93  # inverse mass when it moves freely
 WAY = 94  # of the farthest point in the last step [m]
-BODY = 95
+SHOVE = 95  # most change of velocity in this step by bodies that may strike it [m/s]
+BODY = 96
 
 # ---- what a step adds to a piece
 WHERE = 0  # centre of its bounding sphere in the world

@@ -98,6 +98,7 @@ from .columns import (
     ROW0,
     ROWS,
     SAME_POINT,
+    SHOVE,
     SINCE,
     SLOP,
     SPIN,
@@ -122,7 +123,7 @@ from .columns import (
     E,
 )
 from .motion import back, roll_arm, roll_axis, symmetric_times, turn, turned, write
-from .search import FULL, line_up, meet, place, reaches
+from .search import FULL, line_up, meet, place, reaches, shoves
 
 # Cosines of the most by which a rim's point travels; where it is more the point stays on the body.
 NEARBY = 0.7  # an eighth of the circle
@@ -322,13 +323,14 @@ def _pair(a, b, far, dt, n, Y, solids, C, old, search, count):
     first, had = int(pairs[a, b, ROW0]), int(pairs[a, b, ROWS])
     if n + MOST > len(C):
         return FULL
-    if had > 0 and old[first, SINCE] < STILL:
+    if had > 0 and old[first, SINCE] < STILL and Y[a, SHOVE] + Y[b, SHOVE] == 0.0:
         for j in range(first, first + had):
             for x in range(REMEMBERED):
                 C[n, x] = old[j, x]
             n += 1
         return n
-    slack = dt * max(Y[a, SURGE], Y[b, SURGE]) + DRIFT  # one falls on what holds the other one
+    slack = max(Y[a, SURGE], Y[b, SURGE]) + Y[a, SHOVE] + Y[b, SHOVE]  # one falls on what holds the other one
+    slack = dt * slack + DRIFT
     k, gap = meet(a, b, far, dt, slack, Y, solids, old, first, had, search, count)
     if k == FULL:
         return FULL
@@ -384,6 +386,7 @@ def find(bodies, dt, before, Y, solids, C, old, search, count):
         place(i, Y, solids)
     most = reaches(bodies, dt, Y)
     fixed = line_up(bodies, order, Y)
+    most = shoves(bodies, dt, most, order, Y)
     n = 0
     for i in range(bodies):
         b, first = order[0, i], n

@@ -80,6 +80,7 @@ from .columns import (
     REACH,
     ROT,
     SEARCHES,
+    SHOVE,
     SLOP,
     SOME,
     SPIN,
@@ -564,6 +565,50 @@ def reaches(bodies, dt, Y):
             most = max(most, Y[i, REACH])
         elif Y[i, DRIVEN] == 0.0:
             Y[i, REACH] = 0.0
+    return most
+
+
+@inner
+def _shove(i, j, dt, Y):
+    """Bound what body j gets where body i comes to it within dt; return its reach then, or 0.
+
+    Only what takes it farther than its radius within dt: less puts no body through a wall.
+    """
+    if Y[j, IMASS] == 0.0:
+        return 0.0
+    u, d = minus(three(Y, i, VEL), three(Y, j, VEL)), minus(three(Y, j, CENTRE), three(Y, i, CENTRE))
+    w = three(Y, i, SPIN)
+    pace = math.sqrt(dot(u, u)) + Y[i, RADIUS] * math.sqrt(dot(w, w)) + Y[i, SHOVE]
+    r = Y[i, RADIUS] + Y[j, RADIUS] + dt * pace
+    speed = 2.0 * pace * Y[j, IMASS] / (Y[i, IMASS] + Y[j, IMASS])
+    if dt * speed < Y[j, RADIUS] or speed <= Y[j, SHOVE] or dot(d, d) > r * r:
+        return 0.0
+    Y[j, REACH] += dt * (speed - Y[j, SHOVE])
+    Y[j, SHOVE] = speed
+    return Y[j, REACH]
+
+
+@inner(noinline=True)
+def shoves(bodies, dt, most, order, Y):
+    """Add to reaches what bodies may get from others that come to them within dt; return the most reach.
+
+    Bodies are looked at along x and back, so that a row of them hands a shove on.
+    """
+    fast = False
+    for i in range(len(Y)):
+        Y[i, SHOVE] = 0.0
+        fast = fast or (i < bodies and 4.0 * most > Y[i, RADIUS])
+    if not fast:
+        return most
+    for way in range(2):
+        for k in range(bodies):
+            a = order[0, k if way == 0 else bodies - 1 - k]
+            for m in range(k + 1, bodies):
+                b = order[0, m if way == 0 else bodies - 1 - m]
+                low, high = (a, b) if way == 0 else (b, a)
+                if Y[high, CENTRE] - Y[high, RADIUS] > Y[low, CENTRE] + Y[low, RADIUS] + 2.0 * most:
+                    break
+                most = max(most, _shove(a, b, dt, Y), _shove(b, a, dt, Y))
     return most
 
 
