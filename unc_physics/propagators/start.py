@@ -315,7 +315,7 @@ class _ExactResolution(_Resolution):
         drawn, start, first = self._states.copy(), self.history.start, self.history.first_time
 
         def run(part):
-            found = start_of_steps.Outcome(
+            found = start_of_steps.Separation(
                 *(values[part] for values in (start.overlap, start.kept, start.partner, first))
             )
             start_of_steps.separate(self._states[part], sides, metric, world, look_only, found)
@@ -375,7 +375,7 @@ class _ExactResolution(_Resolution):
         mean = np.concatenate(
             [self._belief.mean[:, VELOCITY], self._belief.mean[:, ANGULAR_VELOCITY]], axis=1
         )
-        return start_of_steps.Metric(covariance, velocity, mean, moves, joint)
+        return start_of_steps.Mobility(covariance, velocity, mean, moves, joint)
 
 
 def _resolution(scene, belief, states):

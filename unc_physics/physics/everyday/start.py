@@ -75,7 +75,7 @@ _SURE = 5.0  # standard deviations by which a mean velocity closes a contact tha
 _FIRM = 1e-18  # m^2, variance of a gap that nothing moves: round-off
 
 
-class Metric(NamedTuple):
+class Mobility(NamedTuple):
     """How easily bodies move, in world axes.
 
     Attributes
@@ -97,7 +97,7 @@ class Metric(NamedTuple):
     joint: bool
 
 
-class Outcome(NamedTuple):
+class Separation(NamedTuple):
     """What `separate` found for each of N samples.
 
     Attributes
@@ -141,11 +141,11 @@ def separate(states, nominal, metric, world, look_only, outcome):
     states : (N, B, 13) float64
     nominal : (B, 13) float64
         State without overlap from which each one comes; with no rows, depth is taken out by the shortest way.
-    metric : Metric
+    metric : Mobility
     world : EverydayWorld
     look_only : bool
         Whether nothing moves, and only ``overlap`` and ``first_time`` are noted.
-    outcome : Outcome
+    outcome : Separation
     """
     count, room, lists = np.zeros(COUNTS, np.int64), FIRST_ROOM * world.count + 64, FIRST_LISTS
     work, rows = arrays_to_work(world, room, lists, count), _rows(room, world.count)
