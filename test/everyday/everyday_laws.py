@@ -426,6 +426,25 @@ def round_bodies_roll_down_a_slope(dt):
 
 
 @law
+def what_begins_too_deep_on_a_slope_comes_out_and_moves_on(dt):
+    """g sin a / (1 + I / (m r^2)) t; taking out the depth costs its energy at most, m g depth."""
+    for angle in (0.02, 0.2):
+        plane, normal = slope_of(angle)
+        for what, body, radius, share, q in (
+            ("ball", solid_ball("b", 0.03, 0.2), 0.03, 1.4, (0, 0, 0, 1)),
+            ("can", can(), 0.038, 1.5, SIDEWAYS),
+        ):
+            scene = world(body, dt=dt, environment=[plane])
+            for depth in (5e-5, 3e-4):
+                start = state((radius - depth) * normal, orientation=product(about((0, 1, 0), angle), q))
+                x = run(scene, start, 1.0)[0]
+                found = np.linalg.norm(x[3:6]) / (G * math.sin(angle) / share)
+                name = f"{what}, {angle} rad, {depth * UM:g} um"
+                yield f"{name}: speed over right", 1, found, 0.03
+                yield f"{name}: depth after 1 s [um]", 20, UM * (radius - x[:3] @ normal), 1
+
+
+@law
 def a_wheel_rolls_over_a_seam(dt):
     """Two level boxes are one plane: no vertical speed, no loss."""
     halves = [slab((1, 1, 0.1), (side * 0.5, 0, -0.05)) for side in (-1, 1)]

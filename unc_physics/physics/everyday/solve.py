@@ -245,8 +245,10 @@ def push_out(first, last, members, C, Y, h):
     for i in members:
         write(Y, i, PUSH_V, (0.0, 0.0, 0.0))
         write(Y, i, PUSH_W, (0.0, 0.0, 0.0))
+    fastest = 0.0
     for k in range(first, last):
         C[k, BEFORE] = 0.0
+        fastest = max(fastest, min(PUSH / h * (-C[k, GAP] - SLOP), PUSH_MOST))
     for _ in range(SWEEPS):
         most = 0.0
         for k in range(first, last):
@@ -268,24 +270,29 @@ def push_out(first, last, members, C, Y, h):
                 write(Y, a, PUSH_W, minus(three(Y, a, PUSH_W), times(d, three(C, k, IA))))
         if most < PUSH_ENDS:
             break
-    _pay(members, Y, h)
+    _pay(members, Y, h, fastest if len(members) == 1 else 0.0)
 
 
 @inner
-def _pay(members, Y, h):
+def _pay(members, Y, h, lift):
     """Take the work of `push_out` against forces from the energy of motion; where there is little, push less.
 
-    Without this a wedged body is lifted, falls back and is lifted again, and its energy grows. Most of the
-    energy stays: a body that begins to tip over an edge has little of it, and would stop there.
+    Without this a wedged body is lifted, falls back and is lifted again, and its energy grows. At most a tenth
+    is taken: a body that begins to tip over an edge has little, and would stop there. Where that is too
+    little, a body that touches no other may rise as fast as its deepest contact is pushed, ``lift`` [m/s].
+    Otherwise one that lies too deep on a slope would lose all speed that it gains. Stacks of masses with a
+    ratio of 100 would creep by 4 mm in 3 s.
     """
-    work, have = 0.0, 0.0
+    work, have, free = 0.0, 0.0, 0.0
     for i in members:
-        m, v, w = 1.0 / Y[i, IMASS], three(Y, i, VEL), three(Y, i, SPIN)
-        work -= h * m * dot(three(Y, i, ACCEL), three(Y, i, PUSH_V))
+        m, v, w, acc = 1.0 / Y[i, IMASS], three(Y, i, VEL), three(Y, i, SPIN), three(Y, i, ACCEL)
+        work -= h * m * dot(acc, three(Y, i, PUSH_V))
+        free += h * m * math.sqrt(dot(acc, acc)) * lift
         have += 0.5 * m * dot(v, v) + 0.5 * dot(w, momentum(Y, i, w))
     if work > 0.0:
-        part = min(1.0, _PAID * have / work)
-        keep = math.sqrt(max(0.0, 1.0 - part * work / have)) if have > 0.0 else 1.0
+        paid = work if work < _PAID * have else max(0.0, min(work - free, _PAID * have))
+        keep = math.sqrt(1.0 - paid / have) if have > 0.0 else 1.0
+        part = min(1.0, (free + paid) / work)
         for i in members:
             write(Y, i, VEL, times(keep, three(Y, i, VEL)))
             write(Y, i, SPIN, times(keep, three(Y, i, SPIN)))
