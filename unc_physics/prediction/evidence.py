@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -45,7 +44,6 @@ _NOISE = 4.0  # standard deviations of a sample's mean energy that do not count 
 _SAMPLES_OF_SPREAD = 30  # of which standard deviations are within 13 %
 _USUAL = 0.95  # quantile of the overlaps of a belief's states
 _SPUN = slice(ERR_ROTATION.start, ERR_ANGULAR_VELOCITY.stop)
-_shapes = WeakKeyDictionary()
 
 
 class InitialDiagnostics(NamedTuple):
@@ -245,7 +243,7 @@ def initial_diagnostics(prediction: PredictionData) -> InitialDiagnostics:
     if scene.integrator != "explicit":
         initial = prediction.start
     mass = np.array([body.mass if body.free else 0.0 for body in scene.bodies])
-    shapes = np.array([_shape(body.model) for body in scene.bodies])
+    shapes = np.array([_shape(body) for body in scene.bodies])
     states = initial.mean[None]
     if scene.overlap == "keep" and len(scene.moving):
         states = np.concatenate([states, initial.sample(_DRAWN, np.random.default_rng(_SEED))])
@@ -334,12 +332,10 @@ def _coincidences(scene, mean, radii):
     return closeness.max(axis=1)
 
 
-def _shape(model):
-    """Return a model's row of `InitialDiagnostics.shapes`."""
-    if model not in _shapes:
-        principal = np.linalg.eigvalsh(model.inertia)
-        _shapes[model] = principal[0], principal[-1], float(model.radii.max()), model.bounding_radius
-    return _shapes[model]
+def _shape(body):
+    """Return a body's row of `InitialDiagnostics.shapes`."""
+    principal = np.linalg.eigvalsh(body.unit_inertia)
+    return principal[0], principal[-1], float(body.model.radii.max()), body.model.bounding_radius
 
 
 def _sigma_point_asymmetries(scene, start, points):

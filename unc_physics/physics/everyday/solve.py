@@ -277,11 +277,11 @@ def push_out(first, last, members, C, Y, h):
 def _pay(members, Y, h, lift):
     """Take the work of `push_out` against forces from the energy of motion; where there is little, push less.
 
-    Without this a wedged body is lifted, falls back and is lifted again, and its energy grows. At most a tenth
-    is taken: a body that begins to tip over an edge has little, and would stop there. Where that is too
-    little, a body that touches no other may rise as fast as its deepest contact is pushed, ``lift`` [m/s].
-    Otherwise one that lies too deep on a slope would lose all speed that it gains. Stacks of masses with a
-    ratio of 100 would creep by 4 mm in 3 s.
+    Without this a wedged body is lifted, falls back and is lifted again, and its energy grows. At most a
+    tenth is taken: a body that begins to tip over an edge has little, and would stop there. Where that is
+    too little, a body that touches no other may rise as fast as its deepest contact is pushed, ``lift``
+    [m/s]. Otherwise one that lies too deep on a slope would lose all speed that it gains. Stacks of masses
+    with a ratio of 100 would creep by 4 mm in 3 s.
     """
     work, have, free = 0.0, 0.0, 0.0
     for i in members:
