@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 
 from unc_physics.checks.errors import InvalidModelError
 from unc_physics.shapes.mass_properties import mass_properties
-from unc_physics.shapes.pieces import HalfSpace, Hull, Lathe, ball, box, capsule, cylinder, frustum, ring
+from unc_physics.shapes.pieces import HalfSpace, Hull, Lathe, ball, box, capsule, cylinder, frustum
 from unc_physics.shapes.rounded_box import rounded_box
 
 ROUND_OFF = 1e-12
@@ -113,7 +113,7 @@ def test_two_halves_are_the_whole():
 
 @pytest.mark.parametrize(
     ("piece", "kind"),
-    [(HalfSpace(), "half-space"), (ring([[1, 0], [2, 0], [2, 1], [1, 1]], 0.1)[0], "sector")],
+    [(HalfSpace(), "half-space"), (Lathe([[1, 0], [2, 0], [2, 1], [1, 1]], half_angle=0.3), "sector")],
 )
 def test_pieces_without_mass_are_refused(piece, kind):
     with pytest.raises(InvalidModelError, match=rf"pieces\[1\] is a {kind}"):

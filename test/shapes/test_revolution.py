@@ -61,8 +61,17 @@ def test_a_convex_profile_is_one_piece_and_a_tube_is_a_ring():
     assert len(solid) == 1 and solid[0].whole
     tube = lathe_pieces(np.array([[0.04, 0], [0.05, 0], [0.05, 0.1], [0.04, 0.1]]), TOLERANCE)
     assert not any(sector.whole for sector in tube)
-    needed = np.pi / np.arccos(1.0 - TOLERANCE / 0.04)
-    assert needed <= len(tube) < 1.3 * needed
+    assert len(tube) == np.ceil(np.pi / np.arccos(1.0 - TOLERANCE / 0.04))
+
+
+def test_a_hollow_half_ball_takes_few_more_pieces_than_its_facets_need():
+    """A facet on a sphere of radius R that sticks out by d has an area of at most 4 R d."""
+    radius, wall = 0.06, 0.005
+    turn = np.linspace(0.0, 0.5 * np.pi, 48)
+    circle = np.column_stack([np.sin(turn), -np.cos(turn)])
+    shell = lathe_pieces(np.concatenate([(radius + wall) * circle, radius * circle[::-1]]), TOLERANCE)
+    needed = 2.0 * np.pi * radius**2 / (4.0 * radius * TOLERANCE)
+    assert len(shell) < 1.25 * needed
 
 
 @pytest.mark.parametrize("profile", [meshes.bowl_profile, meshes.mug_profile, meshes.plate_profile])
@@ -86,6 +95,15 @@ def test_surface_errors_of_household_models(name):
     assert error.outside < OUTSIDE
     assert error.inside < FILLED.get(name, INSIDE) + 1e-9
     assert error.mean <= error.high <= max(error.outside, error.inside)
+
+
+def test_a_can_stands_on_one_piece_and_lies_on_its_two_rims():
+    can = load_model("can")
+    low = can.bounds[0, 2]
+    ends = [piece.profile[:, 1] + piece.origin[2] for piece in can.pieces]
+    assert sum(heights.min() < low + 1e-9 for heights in ends) == 1
+    radii = [piece.profile[:, 0].max() for piece in can.pieces]
+    assert sorted(radii) == pytest.approx([0.0365, 0.038, 0.038], abs=1e-9)
 
 
 def test_a_surface_error_is_the_distance_by_which_a_piece_is_off():

@@ -296,34 +296,6 @@ def frustum(bottom: float, top: float, length: float) -> Lathe:
     return Lathe([[0.0, -h], [bottom, -h], [top, h], [0.0, h]])
 
 
-def ring(profile: ArrayLike, tolerance: float, rounding: float = 0.0) -> list[Lathe]:
-    """Return sectors of a convex profile that is turned about z and does not reach the axis.
-
-    Parameters
-    ----------
-    profile : (k, 2) array_like
-        Radius and height [m].
-    tolerance : float
-        Largest distance by which the sectors' flat inner sides may stick out into the hollow [m].
-    rounding : float
-        Radius of the ball that sweeps the sectors [m].
-
-    Returns
-    -------
-    list of Lathe
-        As few as the tolerance allows, at least three.
-    """
-    profile = _convex_profile(np.asarray(profile, float), "profile")
-    count = 3
-    for p, q in zip(profile, np.roll(profile, -1, axis=0), strict=True):
-        along = (q - p) / np.linalg.norm(q - p)
-        if along[1] < -1e-9:  # the edge faces the axis
-            sagitta = min(tolerance / max(-along[1] * max(p[0], q[0]), 1e-300), 0.5)
-            count = max(count, math.ceil(math.pi / math.acos(1.0 - sagitta) - 1e-9))
-    half = math.pi / count
-    return [Lathe(profile, rounding, azimuth=half * (2 * k + 1), half_angle=half) for k in range(count)]
-
-
 def _hull(points):
     """Return the corners of a convex hull, and its faces as loops of corners."""
     from scipy.spatial import ConvexHull, QhullError

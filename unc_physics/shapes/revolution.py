@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from .pieces import Lathe, convex_outline, ring
+from .pieces import Lathe, convex_outline
 
-#: Shares of the tolerance for the profile that are tried; the rest is for the chords of a ring's sectors.
-_SHARES = 0.2, 0.35, 0.5, 0.65, 0.8
 _SAMPLES = 24  # points of each edge at which it is checked whether a hull sticks out
 _LEVEL = 1e-12  # share of the squared size: smaller areas count as zero
+_SECTORS = 1 << 12  # of a ring, at most; a tolerance that needs more is not met
 
 
 def lathe_pieces(profile: np.ndarray, tolerance: float) -> list[Lathe]:
     """Return the pieces of a solid of revolution about z.
+
+    Fewer parts of the profile are wider, and their rings need more sectors: of all numbers of parts, the one
+    with the fewest pieces is taken.
 
     Parameters
     ----------
@@ -28,22 +32,43 @@ def lathe_pieces(profile: np.ndarray, tolerance: float) -> list[Lathe]:
         Whole ones where the solid reaches the axis, otherwise rings of sectors.
     """
     profile = _counter_clockwise(np.asarray(profile, float))
-    stages = _stages(profile, max(_SHARES) * tolerance)
-    return min((_pieces(profile, stages, tolerance, share) for share in _SHARES), key=len)
+    stages = _stages(profile, tolerance)
+    counts = {
+        part: _count(convex_outline(profile[sorted(part)]), profile, tolerance)
+        for part in frozenset().union(*stages)
+    }
+    fewest = min(stages, key=lambda parts: sum(counts[part] for part in parts))
+    turned = [_turned(convex_outline(profile[sorted(part)]), counts[part]) for part in fewest]
+    return [piece for pieces in turned for piece in pieces]
 
 
-def _pieces(profile, stages, tolerance, share):
-    """Return pieces that stick out of a profile by a share of a tolerance, and of its turns by the rest."""
-    tolerance, chord = share * tolerance, (1.0 - share) * tolerance
-    pieces: list[Lathe] = []
-    for part in _parts(profile, stages, tolerance):
-        low, high = part[:, 1].min(), part[:, 1].max()
-        filled = convex_outline(np.concatenate([part, [[0.0, low], [0.0, high]]]))
-        if _sticks_out(filled, profile) <= tolerance:
-            pieces.append(Lathe(filled))
-        else:
-            pieces += ring(part, chord)
-    return pieces
+def _count(part, profile, tolerance):
+    """Return how many pieces a part of a profile needs: 1 whole lathe, or a ring of at least 3 sectors.
+
+    Half-way between its ends, a sector is the hull of the part and of its copy at the chords.
+    """
+
+    def sticks_out(count):
+        chords = part * [math.cos(math.pi / count) if count > 1 else 0.0, 1.0]
+        return _sticks_out(convex_outline(np.concatenate([part, chords])), profile) > tolerance
+
+    if not sticks_out(1):
+        return 1
+    low, high = 2, 4
+    while high < _SECTORS and sticks_out(high):
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if sticks_out(middle) else (low, middle)
+    return high
+
+
+def _turned(part, count):
+    """Return a convex part of a profile as one whole lathe or as sectors."""
+    if count == 1:
+        return [Lathe(convex_outline(np.concatenate([part, part * [0.0, 1.0]])))]
+    half = math.pi / count
+    return [Lathe(part, azimuth=half * (2 * k + 1), half_angle=half) for k in range(count)]
 
 
 def convex_parts(polygon: np.ndarray, tolerance: float) -> list[np.ndarray]:
@@ -52,17 +77,11 @@ def convex_parts(polygon: np.ndarray, tolerance: float) -> list[np.ndarray]:
     Triangles are merged in the order of how little the hull of two neighbours sticks out.
     """
     polygon = _counter_clockwise(np.asarray(polygon, float))
-    return _parts(polygon, _stages(polygon, tolerance), tolerance)
-
-
-def _parts(polygon, stages, tolerance):
-    """Return the convex polygons of the last stage before one costs more than a tolerance."""
-    last = next((k for k, (cost, _) in enumerate(stages) if cost > tolerance), len(stages))
-    return [convex_outline(polygon[sorted(part)]) for part in stages[last - 1][1]]
+    return [convex_outline(polygon[sorted(part)]) for part in _stages(polygon, tolerance)[-1]]
 
 
 def _stages(polygon, tolerance):
-    """Return the corners of parts after each merge that costs at most a tolerance, and the costs [m]."""
+    """Return the parts (their corners) of a polygon after each merge that costs at most a tolerance [m]."""
     parts = {k: frozenset(triangle) for k, triangle in enumerate(_triangles(polygon))}
     following = len(parts)
     costs: dict[tuple[int, int], float] = {}
@@ -75,7 +94,7 @@ def _stages(polygon, tolerance):
 
     for k in list(parts):
         add_costs(k)
-    stages = [(0.0, list(parts.values()))]
+    stages = [list(parts.values())]
     while costs:
         (a, b), cost = min(costs.items(), key=lambda item: (item[1], item[0]))
         if cost > tolerance:
@@ -84,7 +103,7 @@ def _stages(polygon, tolerance):
         costs = {pair: value for pair, value in costs.items() if not {a, b} & set(pair)}
         add_costs(following)
         following += 1
-        stages.append((cost, list(parts.values())))
+        stages.append(list(parts.values()))
     return stages
 
 
