@@ -75,7 +75,8 @@ TOPICS = {
         "Python: geometry",
         "Meshes, sphere packings and links of robots.",
         """SpherePacking SolidMesh load_model list_models load_packing save_packing load_solid pack_solid
-        primitive_model rounded_box from_urdf link_motions load_robot_motion""",
+        primitive_model rounded_box signed_distance SignedDistance from_urdf link_motions
+        load_robot_motion""",
     ),
     "calibration": (
         "Python: calibration",

@@ -59,6 +59,8 @@ from .scene.scene_file import LoadedScene as LoadedScene
 from .scene.scene_file import load_scene as load_scene
 from .scene.stiffness import auto_stiffness as auto_stiffness
 from .scene.stiffness import with_stiffness as with_stiffness
+from .shapes.distance import SignedDistance as SignedDistance
+from .shapes.distance import signed_distance as signed_distance
 from .shapes.library import list_models as list_models
 from .shapes.library import load_model as load_model
 from .shapes.packing import pack_solid as pack_solid

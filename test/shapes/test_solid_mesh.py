@@ -23,10 +23,14 @@ def test_box_has_the_closed_form():
     assert solid.bounding_radius == pytest.approx(np.sqrt(3.5), rel=ROUND_OFF)
 
 
-@pytest.mark.parametrize(("radius", "length"), [(0.015, 0.1), (0.001, 1.0), (1e-6, 1e-6), (50.0, 1e-3)])
-def test_capsules_of_any_size_are_solids(radius, length):
-    solid = make_solid("capsule", *primitive("capsule", (radius, length)))
-    volume = np.pi * radius**2 * (length + 4.0 / 3.0 * radius)
+@pytest.mark.parametrize("kind", ["capsule", "cylinder"])
+@pytest.mark.parametrize(
+    ("radius", "length"), [(0.015, 0.1), (0.001, 1.0), (7e-4, 0.02), (1e-6, 1e-6), (50.0, 1e-3)]
+)
+def test_round_bodies_of_any_size_are_solids(kind, radius, length):
+    solid = make_solid(kind, *primitive(kind, (radius, length)))
+    ends = 4.0 / 3.0 * radius if kind == "capsule" else 0.0
+    volume = np.pi * radius**2 * (length + ends)
     assert 0.999 * volume < solid.volume < volume
 
 

@@ -31,13 +31,15 @@ def primitive(kind: str, size: Sequence[float], subdivisions: int = _SUBDIVISION
         mesh = create.box(size)
     elif kind == "sphere":
         mesh = create.icosphere(subdivisions=subdivisions, radius=size[0])
-    elif kind == "cylinder":
-        mesh = create.cylinder(size[0], size[1], sections=_AROUND)
     else:
         # trimesh joins corners by their distance in metres; a power of two as the unit rounds nothing
         unit = 2.0 ** np.floor(np.log2(size[0]))
-        mesh = create.capsule(height=size[1] / unit, radius=size[0] / unit, count=[_ALONG, _AROUND])
-        mesh.apply_translation(-mesh.bounds.mean(axis=0))
+        radius, length = size[0] / unit, size[1] / unit
+        if kind == "cylinder":
+            mesh = create.cylinder(radius, length, sections=_AROUND)
+        else:
+            mesh = create.capsule(height=length, radius=radius, count=[_ALONG, _AROUND])
+            mesh.apply_translation(-mesh.bounds.mean(axis=0))
         mesh.apply_scale(unit)
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
 
