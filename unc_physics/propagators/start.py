@@ -174,14 +174,18 @@ class _Resolution:
 
     def adjustment(self) -> InitialAdjustment:
         """Return the overlap of the states, which do not change."""
-        self.project(np.zeros((*self.kept.shape[1:], 3)), look_only=True)
+        self.project(self._nowhere(), look_only=True)
         return self.history.start
 
     def of_mean(self) -> _Resolution:
         """Return the resolution of the belief's mean, which is moved out of overlap."""
         mean = type(self)(self._scene, self._belief, self._belief.mean[None].copy(), self._metric)
-        mean.project(np.zeros((*self.kept.shape[1:], 3)))
+        mean.project(self._nowhere())
         return mean
+
+    def _nowhere(self):
+        """Return no sides, or no poses, to come from."""
+        return np.zeros((*self.kept.shape[1:], 3))
 
     def sides(self) -> np.ndarray:
         """Return on which side of each other bodies are in the first state, without overlap (`sides_of`)."""
@@ -292,20 +296,10 @@ class _ExactResolution(_Resolution):
     def finished(self):
         return self.history
 
-    def of_mean(self):
-        mean = type(self)(self._scene, self._belief, self._belief.mean[None].copy(), self._metric)
-        mean.project(self._nowhere())
-        return mean
-
     def sides(self):
         return self._states[0].copy()
 
-    def adjustment(self):
-        self.project(self._nowhere(), look_only=True)
-        return self.history.start
-
     def _nowhere(self):
-        """Return no poses to come from."""
         return np.empty((0, *self._states.shape[2:]))
 
     def project(self, sides, held=None, look_only=False):
