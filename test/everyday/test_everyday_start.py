@@ -227,10 +227,11 @@ def test_rejection_keeps_samples_without_overlap_and_keep_all():
 
 @pytest.mark.parametrize("beyond", [-0.0095, -0.001, 0.001])
 @pytest.mark.parametrize("std", [0.0, 0.003])
-def test_a_box_at_rest_near_an_edge_stands_as_statics_say(beyond, std):
-    # its centre of mass is ``beyond`` the edge; how high it was seen makes no difference
+@pytest.mark.parametrize("floor", [(), (Plane(offset=-0.25, name="floor"),)])
+def test_a_box_at_rest_near_an_edge_stands_as_statics_say(beyond, std, floor):
+    # its centre of mass is ``beyond`` the edge; neither how high it was seen nor where it would end matters
     box = load_model("salt_box")
-    scene = scene_of([RigidBody("box", box, at_rest=True)], [TABLE])
+    scene = scene_of([RigidBody("box", box, at_rest=True)], [TABLE, *floor])
     belief = belief_of(
         scene, box={"position": upright(box, beyond), "position_std": (0.0, 0.0, std), "orientation_std": std}
     )

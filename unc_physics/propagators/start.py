@@ -44,6 +44,7 @@ _ASLEEP = 0.1  # time without motion after which a body counts as settled [s]
 _DRAWN_AT_ONCE, _ACCEPTANCE = 400, 0.05  # samples, and the smallest share of them without overlap
 #: Least standard deviations of the height [m] and tilt [rad] of bodies at rest, which contact determines.
 _LEAST_STD, _LEAST_TILT = 5e-3, 0.03
+_STOOD = 1e-3  # way of a body's points up to which it comes to rest where it was lowered [m]
 _SINGULAR = 1e-10  # share of the largest variance that counts as zero
 _HONEST_STD = 3e-3  # least standard deviation of the height of a body at rest, when its shift is judged [m]
 
@@ -341,7 +342,9 @@ class _ExactResolution(_Resolution):
 
         in_threads(len(states), run)
         held = np.flatnonzero(~unsettled)
-        asleep, history = settled_contacts(scene, still[held], resting)
+        settled = still[held]
+        asleep, history = settled_contacts(scene, settled, resting)
+        asleep &= _ways(scene, still[held], settled) < _STOOD  # not asleep on the floor, after a fall
         start.unsettled[:, resting] = 1.0
         start.unsettled[np.ix_(held, np.flatnonzero(resting))] = ~asleep[:, resting]
         fine = held[asleep[:, resting].all(axis=1)]
@@ -390,6 +393,13 @@ def _mahalanobis(before, after, covariance):
         "ni,ij,nj->n", error, np.linalg.pinv(covariance, rcond=_SINGULAR, hermitian=True), error
     )
     return np.sqrt(np.maximum(square, 0.0))
+
+
+def _ways(scene, before, after):
+    """Return how far the farthest points of bodies went between two sets of states (N, B, 13): (N, B) [m]."""
+    cosine = np.abs((before[..., QUATERNION] * after[..., QUATERNION]).sum(axis=-1))
+    turned = 2.0 * np.arccos(np.minimum(cosine, 1.0)) * [body.model.bounding_radius for body in scene.bodies]
+    return np.linalg.norm(after[..., POSITION] - before[..., POSITION], axis=-1) + turned
 
 
 def _resting(scene):
