@@ -123,7 +123,7 @@ COUNTS = 8
 
 # ---- tuned numbers
 SUBSTEPS = 2  # of a step, else one; with one, Euler's disc loses 4 degrees in 1 s, elastic boxes 12 % energy
-TURN = 1e-3  # rad, turn of a body within a step from which its group has these; a carousel's box slips else
+TURN = 3e-2  # rad, turn of a body within a step from which its group has these: elastic cans lose energy else
 LONGEST = 5e-3  # s, step from which all have these: with one, stacks of ratio 100 shift by 6 mm at 1/120 s
 SWEEPS, SWEEPS_FRESH = 30, 30  # most rounds of impulses, else and after impacts; laws hold from 10 on
 TOLERANCE = 3e-5  # m/s, change of a contact's speed that ends sweeps: with 5e-5 a box in a grip creeps 9 um

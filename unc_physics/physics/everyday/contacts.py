@@ -651,8 +651,10 @@ def spread(C, k, Y, t):
         u = plus(three(Y, b, VEL), cross(three(Y, b, SPIN), rb))
         u = minus(u, plus(three(Y, a, VEL), cross(three(Y, a, SPIN), ra)))
         more = minus(more, times(2.0 * t, cross(three(Y, i, SPIN), u)))
-    if Y[a, DRIVEN] > 0.0:
-        more = minus(more, cross(three(Y, a, SPIN), plus(ea, times(C[k, RHO_A], n))))
+    if Y[a, DRIVEN] > 0.0:  # its surface goes on with it under what lies on a face, on rollers it does not
+        w = three(Y, a, SPIN)
+        on = turned(ra, times(t, w)) if C[k, FACE_OF] == 1.0 else plus(ea, times(C[k, RHO_A], n))
+        more = minus(more, cross(w, on))
     given = dot(more, n), dot(more, three(C, k, TAN1)), dot(more, three(C, k, TAN2))
     write(C, k, SURFACE_U, minus(three(C, k, BELT_U), given))
     masses(C, k, Y, ra, rb)
