@@ -38,7 +38,7 @@ TOPICS = {
         "Python: scenes",
         "Bodies, their surroundings and the physics between them.",
         """Scene RigidBody Element PosePath Wrench load_scene LoadedScene
-        load_world WorldDescription PRESETS physics_of auto_stiffness with_stiffness""",
+        load_world WorldDescription PRESETS physics_of auto_stiffness""",
     ),
     "beliefs": (
         "Python: beliefs",

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, Plane, Scene
-from unc_physics.dynamics import contact_history
-from unc_physics.dynamics.rollout import rollout
+from unc_physics.physics import contact_history
+from unc_physics.physics.paper.rollout import rollout
 from unc_physics.scene.stiffness import with_stiffness
 from unc_physics.shapes.packing_file import SpherePacking
 

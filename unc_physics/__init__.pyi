@@ -58,7 +58,6 @@ from .scene.scene import Scene as Scene
 from .scene.scene_file import LoadedScene as LoadedScene
 from .scene.scene_file import load_scene as load_scene
 from .scene.stiffness import auto_stiffness as auto_stiffness
-from .scene.stiffness import with_stiffness as with_stiffness
 from .shapes.distance import SignedDistance as SignedDistance
 from .shapes.distance import signed_distance as signed_distance
 from .shapes.library import list_models as list_models

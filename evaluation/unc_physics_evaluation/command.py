@@ -63,12 +63,6 @@ def add_evaluate_command(commands) -> None:
         " experiment paper; may be repeated",
     )
     parser.add_argument(
-        "--integrator",
-        choices=("implicit", "contact"),
-        default="implicit",
-        help="step of reality; with contact, of which unc_physics alone predicts, write to another folder",
-    )
-    parser.add_argument(
         "--report", action="store_true", help="run nothing, write the report from the rows that are there"
     )
     parser.set_defaults(run=run)
@@ -98,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.method and "paper" not in (arguments.experiments or DEFAULT):
         raise InvalidOptionError("goes with the experiment paper only", field="--method")
     added = tuple(text_of(method_of(text)) for text in arguments.method)
-    settings = Settings(arguments.quick, arguments.seed, meshes, data, added, arguments.integrator)
+    settings = Settings(arguments.quick, arguments.seed, meshes, data, added)
     jobs = [job for module in chosen for job in module.jobs(settings)]
     gaps = [gap for module in chosen if hasattr(module, "missing") for gap in module.missing(settings)]
     gaps = list(dict.fromkeys(gaps))

@@ -6,13 +6,15 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from unc_physics.dynamics import contact_history as histories
-from unc_physics.dynamics.rollout import rollout
+from unc_physics.propagators.registry import make_propagator
+from unc_physics.scene.belief import Belief
+from unc_physics.scene.marks import whole
 from unc_physics.scene.scene import Scene
 from unc_physics.spatial.layout import POSITION, VELOCITY
 
 from .energy import contact_energy, height_energy, kinetic_energy, momentum
 from .jobs import Row
+from .methods import MONTE_CARLO
 from .passing import passed_through
 
 FINITE, GAIN, CHANGE, MOMENTUM = "finite", "energy_gain", "energy_change", "momentum_error"
@@ -23,14 +25,12 @@ LIFT = 1e-3
 
 def trajectory(scene: Scene, mean: np.ndarray, steps: int) -> np.ndarray:
     """Return the states (T, B, 13) of one rollout at every step, up to the first that is not finite."""
-    state, history = mean[None].copy(), histories.fresh(1, scene.world)
-    states = [mean.copy()]
-    for k in range(steps):
-        rollout(state, history, scene.world, k, 1)
-        states.append(state[0].copy())
-        if not np.isfinite(state).all():
-            break
-    return np.array(states)
+    simulator = make_propagator(MONTE_CARLO, samples=1)
+    carry = simulator.init(scene, Belief.exact(mean, scene.moving))
+    marks = [whole(step, scene.dt) for step in range(1, steps + 1)]
+    states = np.stack([mean, *(at.states[0] for at in simulator.advance_through(carry, scene, marks))])
+    lost = np.flatnonzero(~np.isfinite(states).all(axis=(1, 2)))
+    return states[: lost[0] + 1] if len(lost) else states
 
 
 def rollout_rows(method: str, scene: Scene, states: np.ndarray) -> list[Row]:

@@ -92,8 +92,6 @@ class Settings:
         Folder of recorded motions instead of the package's (`recorded_sets`).
     methods : tuple of str
         Propagators that the experiment on the paper compares, too (`methods.method_of`).
-    integrator : str
-        Of everyday scenes of recorded motions.
     """
 
     quick: bool = False
@@ -101,7 +99,6 @@ class Settings:
     meshes: str | None = None
     data: str | None = None
     methods: tuple[str, ...] = ()
-    integrator: str = "implicit"
 
     def parameters(self, **parameters) -> dict:
         """Return a job's parameters, including those that all jobs share."""

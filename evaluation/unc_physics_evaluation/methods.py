@@ -12,8 +12,6 @@ from .jobs import Job
 
 FLOOR, GAUSSIAN, MARGINAL, STILL = "floor", "gaussian", "marginal", "still"
 OURS = "ours"
-#: Our step over exact shapes, beside the other engines.
-CONTACT = "contact"
 #: The paper's sigma points, which go in all directions.
 FULL_POINTS = "sigma_points points=full"
 
@@ -44,7 +42,6 @@ LOOKS = {name: Look(name.replace("_", " "), _OTHER_COLOR, _OTHER_MARKER) for nam
     MARGINAL: Look("outcomes of others", "#E69F00", line=":"),
     STILL: Look("stays where it is", "#999999", line=":"),
     OURS: _MONTE_CARLO._replace(label="unc_physics"),
-    CONTACT: Look("unc_physics, exact shapes", "#56B4E9", "d"),
     "pybullet": Look("PyBullet", "#8C6D31", "P"),
     "mujoco": Look("MuJoCo", "#7F3C8D", "X"),
 }

@@ -19,7 +19,7 @@ from unc_physics.shapes import pieces as shapes
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 from .engines import PEERS
-from .methods import CONTACT, OURS
+from .methods import OURS
 from .order_references import (
     BALL_INERTIA,
     GRAVITY,
@@ -31,7 +31,6 @@ from .order_references import (
     sliding_distance,
     tumbling_orientation,
 )
-from .rollouts import with_exact_shapes
 
 #: Depth to which the default stiffness lets a body sink in [m] (docs/explanation/physics.md).
 DEPTH = 5e-5
@@ -103,10 +102,9 @@ class Case(NamedTuple):
 
 def end_states(case: Case, engine: str) -> np.ndarray:
     """Return the states (B, 13) at the end of one rollout in an engine."""
-    if engine in (OURS, CONTACT):
-        scene = case.scene if engine == OURS else with_exact_shapes(case.scene)
+    if engine == OURS:
         propagator = make_propagator("monte_carlo", samples=1)
-        return predict(scene, Belief.exact(case.start), propagator, case.horizon).belief.mean
+        return predict(case.scene, Belief.exact(case.start), propagator, case.horizon).belief.mean
     peer = PEERS[engine](case.scene, case.geometry)
     try:
         if case.scene.restitution and hasattr(peer, "set_restitution"):
@@ -117,8 +115,8 @@ def end_states(case: Case, engine: str) -> np.ndarray:
 
 
 def order_case(name: str, engine: str, dt: float) -> Case:
-    """Return a case of `CASES` for an engine; only our step over spheres needs rounded corners."""
-    return CASES[name](dt, CORNER if engine == OURS else 0.0)
+    """Return a case of `CASES` for an engine."""
+    return CASES[name](dt, 0.0)
 
 
 def flight_path(dt: float, corner: float) -> Case:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from unc_physics import Belief, RigidBody, Scene, SpherePacking, make_propagator, predict
-from unc_physics.dynamics.rollout import simulate
+from unc_physics.physics.paper.rollout import simulate
 from unc_physics.plots.palette import body_color
 from unc_physics.plots.scene_picture import SIDE, draw_body, draw_environment, ellipse
 from unc_physics.spatial.layout import ERR_POSITION, POSITION, QUATERNION

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from unc_physics.compiler import kernel
-from unc_physics.dynamics import contact_history as histories
-from unc_physics.dynamics.explicit_step import integrate, on_contacts
-from unc_physics.dynamics.workspace import workspace
+from unc_physics.physics import contact_history as histories
+from unc_physics.physics.paper.explicit_step import integrate, on_contacts
+from unc_physics.physics.paper.workspace import workspace
 from unc_physics.propagators.linearization import Linearization
 from unc_physics.propagators.local_sampling import LocalSampling
 from unc_physics.propagators.options import option

@@ -24,7 +24,6 @@ from .recorded_pushes import (
     seen,
     uncertain_push,
 )
-from .rollouts import with_exact_shapes
 
 SAMPLES, ENGINE_SAMPLES = 20, 8
 #: Friction of engines that nobody has set.
@@ -32,13 +31,7 @@ _UNSET = {"mujoco": 1.0, "pybullet": 0.5}
 
 
 def push_predictions(
-    folder: Path,
-    tests: Sequence[int],
-    every: Sequence[int],
-    by: str,
-    calibrated: bool,
-    seed: int,
-    integrator: str = "implicit",
+    folder: Path, tests: Sequence[int], every: Sequence[int], by: str, calibrated: bool, seed: int
 ) -> Iterator[dict[str, np.ndarray]]:
     """Return the states (n, 13) of the block at the end of each push.
 
@@ -56,8 +49,6 @@ def push_predictions(
     calibrated : bool
         Whether to use the measured frictions with their errors.
     seed : int
-    integrator : str
-        Of our package.
     """
     moves = np.array([_move(k, folder) for k in every]) if by == MARGINAL else np.empty((0, 3))
     for k in tests:
@@ -68,9 +59,8 @@ def push_predictions(
             continue
         if by == OURS:
             push = uncertain_push(k, calibrated, folder)
-            scene = push.scene if integrator == "implicit" else with_exact_shapes(push.scene)
             propagator = make_propagator(MONTE_CARLO, samples=SAMPLES, seed=int(rng.integers(1 << 30)))
-            prediction = predict(scene, push.belief, propagator, push.horizon)
+            prediction = predict(push.scene, push.belief, propagator, push.horizon)
             places = planar(prediction.samples()[:, 0])
         else:
             places = np.array(list(_in_engine(by, k, calibrated, folder, rng)))

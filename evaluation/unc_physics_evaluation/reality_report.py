@@ -21,9 +21,7 @@ LEVELS = (0.5, 0.9)
 LINES = (
     (OURS, x.DEFAULTS),
     (OURS, x.EXACT),
-    (OURS, x.SHAPES),
     (OURS, x.CALIBRATED),
-    *((OURS, given) for given in x.PACKED),
     ("mujoco", x.DEFAULTS),
     ("mujoco", x.CALIBRATED),
     ("pybullet", x.DEFAULTS),

@@ -13,7 +13,6 @@ from unc_physics.calibration.motions import Motion
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.scene import Scene
-from unc_physics.scene.stiffness import with_stiffness
 from unc_physics.shapes.rounded_box import rounded_box
 from unc_physics.spatial.layout import POSITION, QUATERNION
 
@@ -112,4 +111,4 @@ def toss_scene(tosses: Tosses, **changes) -> Scene:
         "gyroscopic": True,
         "integrator": "implicit",
     }
-    return with_stiffness(Scene(**(given | changes)), tosses.states[0][:1])
+    return Scene(**(given | changes))

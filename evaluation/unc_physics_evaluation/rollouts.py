@@ -5,38 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
 
-from unc_physics.dynamics.rollout import simulate
 from unc_physics.propagators.registry import make_propagator
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
 
 from .engines import PEERS
-from .methods import CONTACT, MONTE_CARLO, OURS, label
+from .methods import MONTE_CARLO, OURS, label
 
 #: Names of the engines, and how they are written.
 ENGINES = {name: label(name) for name in (OURS, *PEERS)}
-#: The same with both of our steps for everyday scenes.
-STEPS = {name: label(name) for name in (OURS, CONTACT, *PEERS)}
 
 
 def available() -> list[str]:
     """Return the installed engines."""
     return [name for name in ENGINES if name == OURS or find_spec(name) is not None]
-
-
-def available_steps() -> list[str]:
-    """Return the installed engines, with both of our steps."""
-    return [OURS, CONTACT, *available()[1:]]
-
-
-def with_exact_shapes(scene: Scene) -> Scene:
-    """Return an everyday scene with the step over exact shapes."""
-    return replace(scene, integrator="contact", stiffness=None, overlap="keep")
 
 
 def missing_engines(experiment: str) -> list[str]:
@@ -52,7 +38,7 @@ def rollouts(engine: str, scene: Scene) -> Iterator[Callable[[np.ndarray, int], 
     Parameters
     ----------
     engine : str
-        One of `STEPS`.
+        One of `ENGINES`.
     scene : Scene
 
     Notes
@@ -61,17 +47,8 @@ def rollouts(engine: str, scene: Scene) -> Iterator[Callable[[np.ndarray, int], 
     which other engines do body by body from Python.
     """
 
-    def ours(states, steps):
-        ends = states.copy()
-        started = time.process_time()
-        simulate(ends, scene.world, steps)
-        return ends, time.process_time() - started
-
     if engine == OURS:
-        yield ours
-        return
-    if engine == CONTACT:
-        yield _exact_shapes(with_exact_shapes(scene))
+        yield _ours(scene)
         return
     peer = PEERS[engine](scene, "primitive")
 
@@ -91,8 +68,8 @@ def rollouts(engine: str, scene: Scene) -> Iterator[Callable[[np.ndarray, int], 
         peer.close()
 
 
-def _exact_shapes(scene):
-    """Return the function of `rollouts` for the step over exact shapes."""
+def _ours(scene):
+    """Return the function of `rollouts` for unc_physics."""
 
     def run(states, steps):
         simulator = make_propagator(MONTE_CARLO, samples=len(states))

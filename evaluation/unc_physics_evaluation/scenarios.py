@@ -12,7 +12,6 @@ from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Box, Plane
 from unc_physics.scene.scene import Scene
-from unc_physics.scene.stiffness import with_stiffness
 from unc_physics.shapes.library import find_model, load_model
 from unc_physics.shapes.packing_file import SpherePacking
 from unc_physics.spatial.layout import (
@@ -286,7 +285,7 @@ def _handled(models, spheres, environment, mean, deviations):
     bodies = [
         RigidBody(f"{packing.name}{k or ''}", packing.prefix(spheres)) for k, packing in enumerate(packings)
     ]
-    scene = with_stiffness(Scene.everyday(bodies, exact=True, environment=environment), mean)
+    scene = Scene.everyday(bodies, exact=True, environment=environment)
     return scene, Belief(mean, spread(len(bodies), **deviations)), 1.5
 
 

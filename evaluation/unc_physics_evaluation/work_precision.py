@@ -10,9 +10,9 @@ from unc_physics.spatial.layout import POSITION, QUATERNION
 
 from .comparison import CPU_TIME
 from .jobs import Job, Outcome, Row, Settings
-from .methods import CONTACT, MONTE_CARLO
+from .methods import MONTE_CARLO
 from .results import Results, Rows
-from .rollouts import OURS, STEPS, available_steps, rollouts
+from .rollouts import ENGINES, OURS, available, rollouts
 from .scenarios import MANIPULATION, PILES, is_upright
 from .tables import number
 from .wasserstein import geodesic_of_pairs, state_distance
@@ -22,7 +22,7 @@ RATES = (60, 120, 240, 500, 1000, 2000)  # steps in a second
 UNIT = 240  # reference rate of our times in the report
 #: Steps in a second that count as converged. PyBullet does not converge: from 2000 on a sliding can hops, and
 #: falls off a shelf on which it stays at 120 to 1000.
-CONVERGED = {OURS: 8000, CONTACT: 8000, "pybullet": 1000, "mujoco": 8000}
+CONVERGED = {OURS: 8000, "pybullet": 1000, "mujoco": 8000}
 #: For each scene the number of samples, and about the cost of a rollout at `UNIT` [s].
 SIZES = {
     "salt_box_into_bin": (200, 0.002),
@@ -52,7 +52,7 @@ def jobs(settings: Settings, experiment: str, section: str) -> list[Job]:
     """Return a job for every scene in every installed engine at every rate."""
     found = []
     for scene, (count, cost) in (QUICK_SIZES if settings.quick else SIZES).items():
-        for engine in available_steps():
+        for engine in available():
             converged = QUICK_CONVERGED if settings.quick else CONVERGED[engine]
             for rate in dict.fromkeys((*(QUICK_RATES if settings.quick else RATES), converged)):
                 own = parameters(settings, section, scene, engine, rate, converged, count)
@@ -108,7 +108,7 @@ def report(results: Results, rows: Rows) -> str:
 def _errors(results, scene, rows):
     """Return the lines of the table."""
     lines = []
-    for engine in (name for name in STEPS if rows.where(engine=name)):
+    for engine in (name for name in ENGINES if rows.where(engine=name)):
         own = rows.where(engine=engine)
         converged = own[0]["converged"]
         truth = results.arrays("engines", own.where(rate=converged)[0]["job"])
@@ -117,7 +117,7 @@ def _errors(results, scene, rows):
         for rate in sorted(own.unique("rate"), key=lambda rate: (rate != converged, rate)):
             found = own.where(rate=rate)
             share = found.where(quantity=OVER_UNIT).mean()
-            cells = [STEPS[engine], str(rate), number(1e3 * found.where(quantity=CPU_TIME).mean())]
+            cells = [ENGINES[engine], str(rate), number(1e3 * found.where(quantity=CPU_TIME).mean())]
             cells.append(number(share))
             if rate == converged:
                 lines.append([*cells, "", "", "", *limits])

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from unc_physics import RigidBody, Scene, load_model
-from unc_physics.dynamics.rollout import simulate
+from unc_physics.physics.paper.rollout import simulate
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics_evaluation.engines import PEERS, PrincipalBody

@@ -21,7 +21,7 @@ from unc_physics import (
     primitive_model,
 )
 from unc_physics.checks.errors import DivergedError, InvalidOptionError, NotSupportedError
-from unc_physics.dynamics import contact_history as histories
+from unc_physics.physics import contact_history as histories
 from unc_physics.scene.contact_world import depths_of_pairs
 from unc_physics.shapes import signed_distance
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import contact as twin
 
-from unc_physics.collision.contact_model import cap, lens, shallow_energy, shallow_slope, shallow_volume
+from unc_physics.physics.paper.contact_model import cap, lens, shallow_energy, shallow_slope, shallow_volume
 
 ROUND_OFF = 1e-12
 

@@ -5,7 +5,7 @@ import pytest
 from plain_scenes import BLOCK, independent, state, world
 
 from unc_physics import RigidBody, make_propagator
-from unc_physics.dynamics.contact_history import of_bodies, with_another_body
+from unc_physics.physics.contact_history import of_bodies, with_another_body
 from unc_physics.scene.stiffness import with_stiffness
 
 LOWER, UPPER, BESIDE = range(3)

@@ -25,8 +25,8 @@ from plain_scenes import (
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, RigidBody, Scene, Status, load_model, make_propagator, predict, rounded_box
-from unc_physics.dynamics import contact_history
-from unc_physics.dynamics.rollout import rollout
+from unc_physics.physics import contact_history
+from unc_physics.physics.paper.rollout import rollout
 from unc_physics.prediction.status import assess
 from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.scene.environment import Box, Plane

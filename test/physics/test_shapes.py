@@ -13,9 +13,9 @@ from twins import shapes as twin
 
 from unc_physics import RigidBody, Scene
 from unc_physics.checks.errors import InvalidEnvironmentError, InvalidOrientationError, NotFiniteError
-from unc_physics.collision import shapes
-from unc_physics.collision.element_contacts import cap
-from unc_physics.dynamics.rollout import simulate
+from unc_physics.physics.paper import solids
+from unc_physics.physics.paper.element_contacts import cap
+from unc_physics.physics.paper.rollout import simulate
 from unc_physics.plots.scene_picture import outline
 from unc_physics.scene.environment import ELEMENTS, Box, Capsule, Cylinder, Element, Plane, Sphere
 

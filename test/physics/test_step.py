@@ -14,7 +14,7 @@ from twins.step import rollout as twin_rollout
 from twins.step import step as twin_step
 
 from unc_physics import RigidBody, Scene
-from unc_physics.dynamics.rollout import simulate
+from unc_physics.physics.paper.rollout import simulate
 from unc_physics.scene.environment import Plane
 from unc_physics.scene.stiffness import auto_stiffness
 

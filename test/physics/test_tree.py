@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from unc_physics import RigidBody, Scene, SpherePacking, load_model
-from unc_physics.collision import sphere_tree
-from unc_physics.collision.broad_phase import SINGLE_PRECISION
-from unc_physics.dynamics.workspace import workspace
+from unc_physics.physics.paper import sphere_tree
+from unc_physics.physics.paper.broad_phase import SINGLE_PRECISION
+from unc_physics.physics.paper.workspace import workspace
 from unc_physics.scene.body import shape_of
 
 seeds = st.integers(0, 2**32 - 1)

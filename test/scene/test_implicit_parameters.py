@@ -7,8 +7,8 @@ import pytest
 from plain_scenes import ball
 
 from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_propagator, predict
-from unc_physics.dynamics import contact_history as histories
-from unc_physics.dynamics.rollout import rollout
+from unc_physics.physics import contact_history as histories
+from unc_physics.physics.paper.rollout import rollout
 from unc_physics.scene.parameters import vary
 
 R, G = 0.03, 9.81

@@ -7,7 +7,7 @@ import pytest
 
 from unc_physics import make_propagator, predict
 from unc_physics.checks.errors import NotSupportedError
-from unc_physics.collision.sphere_tree import EMPTY
+from unc_physics.physics.paper.sphere_tree import EMPTY
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.body import RigidBody
 from unc_physics.scene.environment import Plane

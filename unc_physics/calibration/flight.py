@@ -10,8 +10,9 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError
 from ..scene.belief import Belief
-from ..scene.body import RigidBody, shape_of
+from ..scene.body import RigidBody
 from ..scene.scene import Scene
+from ..shapes.distance import signed_distance
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -84,14 +85,12 @@ def flight_frames(motion: Motion, scene: Scene) -> int:
     Such a pose keeps the `MARGIN` to all elements, and so does its prediction by free flight from the two
     poses before. The recorded pose alone may follow a bounce between two frames.
     """
-    body = moving_body(scene)
-    hull = shape_of(body.model).hull
-    centers, radii = body.model.centers[hull], body.model.radii[hull]
+    model = moving_body(scene).model
     for k, pose in enumerate(motion.poses):
         poses = [pose] if k < 2 else [pose, _pose_ahead(motion, k, scene.gravity)]
-        for position, quaternion in ((own[:3], own[3:]) for own in poses):
-            points = position + centers @ rotation_matrix(quaternion).T
-            if any(np.min(one.surface(points)[0] - radii) < MARGIN for one in scene.environment):
+        for own in poses:
+            pose = own[:3], own[3:]
+            if any(signed_distance(model, pose, one, None)[0] < MARGIN for one in scene.environment):
                 return k
     return len(motion.poses)
 

@@ -14,7 +14,6 @@ from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
-from ..scene.stiffness import with_stiffness
 from ..spatial.layout import POSITION, QUATERNION
 from . import scores
 from .adjustable import Model
@@ -152,11 +151,10 @@ class Objective:
 
     def scores(self, model: Model) -> list[Scores]:
         """Return the scores of each motion under a model."""
-        scene = with_stiffness(model.scene, self.recorded[0].start.state[None])
         found = []
         for k, one in enumerate(self.recorded):
             belief = one.start.belief(model.position_noise, model.rotation_noise)
-            states = self.simulate(scene, belief, one.times, self.samples, seed_of(self.seed, k))
+            states = self.simulate(model.scene, belief, one.times, self.samples, seed_of(self.seed, k))
             if not all(np.abs(x).max() < _LOST for x in states):
                 raise DivergedError("threw a sample away", field=f"motion '{one.motion.name}'")
             found.append(scored(as_recorded(states, model, seed_of(self.seed, k)), one.poses))

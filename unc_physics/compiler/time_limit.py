@@ -67,14 +67,6 @@ def limit_here():
     return getattr(_here, "limit", None)
 
 
-def limited(world, limit=None):
-    """Return a world whose kernels observe a time limit; by default this thread's limit, if any."""
-    limit = limit_here() if limit is None else limit
-    if limit is None or world.implicit is None:
-        return world
-    return world._replace(implicit=world.implicit._replace(stop=limit.flag))
-
-
 def _watch(limit, when):
     """Make the watching thread, started on the first call, stop a limit's kernels at a time."""
     global _watcher

@@ -1,1 +1,1 @@
-"""Time steps of scenes."""
+"""Time steps of scenes: the paper's, and the everyday one over exact shapes."""

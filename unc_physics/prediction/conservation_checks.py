@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..initialization.overlap_search import OVERLAP_TOLERANCE
+from ..propagators.start import OVERLAP_TOLERANCE
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 _SLOW_IMPACTS = 1e-3  # m: a fall from so low may end without a rebound, and more than once

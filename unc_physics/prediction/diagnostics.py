@@ -14,21 +14,20 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks.shown import printable
-from ..collision.contact_model import capacity, impact_frequency
-from ..initialization.overlap_search import OVERLAP_TOLERANCE
+from ..physics.paper.contact_model import capacity, impact_frequency
 from ..propagators.base import Samples
 from ..propagators.modes import contains, split
 from ..propagators.overlap_depths import overlaps
 from ..propagators.registry import names_where
+from ..propagators.start import OVERLAP_TOLERANCE
 from ..scene.environment import thing_names
-from ..shapes.packing_file import EXTENT_LOSS
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, POSITION, VELOCITY
 from ..spatial.moments import mean_and_errors
 from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss as lost_share
 from .conservation_checks import kinetic_energies
 from .evidence import MOST_FLIGHT_TURN, Evidence, kinetic_moments, spread_floors
-from .notes import few_spheres, hull_of_mesh
+from .notes import hull_of_mesh
 from .rare_outcomes import MATTER
 from .step_motion import MOST_TRAVEL, MOST_TURN
 
@@ -138,8 +137,7 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
         )
         unit = rule.unit and f" {rule.unit}"
         reasons.append(f"{words} ({key} {value:.3g}{unit} above {rule.limit:.3g}{unit})")
-    spheres = None if extent_loss.__name__ in keys else few_spheres(scene, body)
-    notes = (spheres, hull_of_mesh(scene, body), *_narrowed_spreads(evidence, body))
+    notes = (hull_of_mesh(scene, body), *_narrowed_spreads(evidence, body))
     notes = tuple(note for note in notes if note is not None)
     return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons), notes)
 
@@ -209,12 +207,6 @@ def _deepest_kept(evidence, body):
     other = int(np.argmax(own))
     # without a depth it overlapped something when it settled
     return None if own[other] == 0.0 else f"'{printable(thing_names(scene)[other])}'", float(own[other])
-
-
-def _lost_extent(evidence, body):
-    model = evidence.scene.bodies[body].model
-    count = "1 sphere reaches" if len(model) == 1 else f"{len(model)} spheres reach"
-    return f"{count} up to {1e3 * (model.extent_loss or 0.0):.1f} mm less far than the mesh"
 
 
 def _density(evidence, body):
@@ -353,9 +345,10 @@ def unsettled(evidence):
 )
 def squeezed(evidence):
     """Depths of the body's opposite contacts with two bodies that do not give way, one of them prescribed,
-    together. The largest of all steps, which one in twenty rollouts exceeds. With ``integrator: contact``.
+    together. The largest of all steps, which one in twenty rollouts exceeds. With the
+    implicit integrator.
     """
-    if evidence.scene.integrator != "contact":
+    if evidence.scene.integrator == "explicit":
         return None
     return np.quantile(evidence.history.solver.squeezed[..., 0], _USUAL, axis=0)
 
@@ -457,31 +450,6 @@ def slope_change(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     1.0,
-    "has too few spheres for its shape: {detail}; take more of them, or spheres: auto",
-    detail=_lost_extent,
-    in_contact=True,
-)
-def extent_loss(evidence):
-    """Loss of extent by which the spheres are smaller than the mesh, over the standard deviation of position,
-    that of the rollouts that it was compared with, 1 mm, or 0.5 % of the body's radius, whichever is largest.
-    With the implicit integrator, if it is known.
-    """
-    scene = evidence.scene
-    losses = [body.model.extent_loss for body in scene.bodies]
-    if scene.integrator != "implicit" or all(loss is None for loss in losses):
-        return None
-    stds = np.maximum(EXTENT_LOSS, _EXTENT_SHARE * scene.world.bodies.radius)
-    positions = evidence.predicted_spreads[:, 0]
-    if evidence.spreads is not None:
-        positions = np.fmax(positions, evidence.spreads[:, 0])
-    stds[scene.moving] = np.maximum(positions, stds[scene.moving])
-    values = np.array([0.0 if loss is None else loss for loss in losses]) / stds
-    return np.ma.masked_array(values, [loss is None for loss in losses])
-
-
-@_measure(
-    Status.OUTSIDE_VALIDITY,
-    1.0,
     "has a mass that does not fit its size, {detail}; is its mesh in millimetres? Scale it to metres, or"
     " correct the mass",
     detail=_density,
@@ -494,20 +462,6 @@ def density_misfit(evidence):
         return None
     densities = np.array([body.mass / body.model.volume for body in evidence.scene.bodies])
     return np.maximum(_DENSITIES[0] / densities, densities / _DENSITIES[1])
-
-
-@_measure(
-    Status.OUTSIDE_VALIDITY, math.inf, "small things sink in between its spheres", unit="m", in_contact=True
-)
-def sink(evidence):
-    """How far a ball of 10 mm sinks below the surface before it touches a sphere, at most [m]. With the
-    implicit integrator, where it is known. It raises no flag.
-    """
-    sinks = [body.model.sink for body in evidence.scene.bodies]
-    if evidence.scene.integrator != "implicit" or all(one is None for one in sinks):
-        return None
-    values = np.array([0.0 if one is None else one for one in sinks])
-    return np.ma.masked_array(values, [one is None for one in sinks])
 
 
 @_measure(Status.OUTSIDE_VALIDITY, 0.3, "too few samples for a spread")
@@ -904,19 +858,3 @@ def contact_step(evidence):
     """
     scene = evidence.scene
     return np.full(len(scene.bodies), scene.dt) if scene.integrator != "explicit" else None
-
-
-@_measure(
-    Status.NOT_CONVERGED,
-    1.0,
-    "contact forces did not converge; a smaller dt, now {dt:.3g} s, or masses that differ less, help",
-    in_contact=True,
-)
-def contact_residual(evidence):
-    """Velocity of a contact of the body's group that still changed when the solver stopped, over the speed of
-    the group's fastest contact. The largest of all steps, which one in twenty rollouts exceeds. With the
-    implicit integrator.
-    """
-    if evidence.scene.integrator != "implicit":
-        return None
-    return np.quantile(evidence.history.solver.residual, _USUAL, axis=0)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..dynamics.contact_history import ContactHistory
+from ..physics.contact_history import ContactHistory
 from ..propagators.base import PointPairs, Propagator, Samples, TwoSidedSlopes, rollout_count
 from ..propagators.free_flight import course_of
 from ..propagators.overlap_depths import overlaps, pair_overlaps
@@ -292,12 +292,10 @@ def _found(prediction):
     if prediction.points_history is not None:
         history = prediction.points_history
     kept = np.zeros(history.first_time.shape[1:])
-    if prediction.scene.integrator == "contact":
+    if history.start is not None:
         sample, body = np.nonzero(history.start.partner)
         partner = history.start.partner[sample, body].astype(int) - 1
         np.maximum.at(kept, (body, partner), history.start.kept[sample, body])
-    elif prediction.scene.integrator == "implicit" and history.solver.kept_overlap.size:
-        kept = history.solver.kept_overlap.max(axis=0)
     return history.start, kept
 
 
@@ -306,7 +304,7 @@ def _narrowed(prediction, samples):
     scene, given, begun = prediction.scene, prediction.initial, prediction.start
     found = np.zeros((len(scene.bodies), 2, 2))
     few = samples is not None and samples < _SAMPLES_OF_SPREAD
-    if scene.integrator != "contact" or few:
+    if scene.integrator == "explicit" or few:
         return found
     for place, body in enumerate(given.moving):
         if scene.bodies[body].at_rest:

@@ -11,14 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiler import inner, kernel
-from ..dynamics import contact_history as histories
-from ..dynamics.explicit_step import integrate
-from ..dynamics.implicit_rollout import FIRST_ROOM, with_growing_room
-from ..dynamics.implicit_step import integrate as integrate_implicit
-from ..dynamics.implicit_step import rollout_of
-from ..dynamics.rollout import rollout
-from ..dynamics.workspace import workspace
-from ..dynamics.world import Bodies, World
+from ..physics.paper.explicit_step import integrate
+from ..physics.paper.rollout import rollout
+from ..physics.paper.workspace import workspace
+from ..physics.paper.world import Bodies, World
 from ..propagators.monte_carlo import MonteCarlo
 from ..propagators.start import constrain_belief, draw, resolve_initial_overlap
 from ..scene.belief import Belief
@@ -46,28 +42,23 @@ def first_contacts(
 ) -> list[Flights]:
     """Simulate flights of samples of a belief at time 0 until their first contacts, up to each of the marks.
 
-    The marks ascend. In scenes in which a robot acts, and in the step over exact shapes, samples do not stop
-    at contacts.
+    The marks ascend. Samples do not stop at contacts in scenes in which a robot acts, and with the implicit
+    integrator.
     """
     initial = constrain_belief(scene, initial)
-    if scene.integrator == "contact":
+    if scene.integrator == "implicit":
         return _simulated(scene, initial, marks, samples, seed)
     states, history = resolve_initial_overlap(scene, initial, draw(scene, initial, samples, seed))
     z = draw_parameters(scene, samples, seed)
     if scene.acts:  # which first contacts do not decide
         states = start_states(scene, states, z)
-    elif history.solver is not None:  # flights begin without contacts
-        history.solver.count[:], history.solver.rest_steps[:] = 0, 0
     stopped = np.full(states.shape[:2], np.inf, history.first_time.dtype)
     found: list[Flights] = []
     done = 0
     for mark in marks:
         _advance(states, history, stopped, scene, z, done, mark.steps - done)
         done = mark.steps
-        own, contacts, ended = states.copy(), histories.copy(history), stopped.copy()
-        if mark.rest > 0.0:
-            _advance(own, contacts, ended, scene.with_short_step(done, mark.rest), z, done, 1)
-        found.append(Flights(own, contacts.first_time, ended))
+        found.append(Flights(states.copy(), history.first_time.copy(), stopped.copy()))
     return found
 
 
@@ -92,17 +83,15 @@ def _advance(states, history, stopped, scene, z, begin, steps):
         rollout_varied(states, history, scene, z, begin, steps)
     elif scene.acts:
         rollout(states, history, world, begin, steps)
-    elif world.implicit is None:
-        _fly(states, first, stopped, world, world.environment, begin, steps)
     else:
-        _fly_implicit(states, first, stopped, world, history.solver, begin, steps)
+        _fly(states, first, stopped, world, world.environment, begin, steps)
 
 
 @kernel(noinline=True)
-def _own_world(world, environment, implicit):
+def _own_world(world, environment):
     """Return a world with its own copy of the data that stops bodies.
 
-    ``environment`` and ``implicit`` are those of the world, or None to compile without them.
+    ``environment`` is that of the world, or None to compile without it.
     """
     b = world.bodies
     return World(
@@ -118,12 +107,10 @@ def _own_world(world, environment, implicit):
         world.tree,
         world.gravity,
         world.dt,
-        world.start,
         world.decay,
         world.stiffness,
         world.stack_size,
         environment,
-        implicit,
     )
 
 
@@ -131,7 +118,7 @@ def _own_world(world, environment, implicit):
 def _fly(states, first, stopped, world, environment, begin, steps):
     """Advance the states in place; a body is fixed from the step in which it touches something."""
     for n in range(len(states)):
-        own = _own_world(world, environment, None)
+        own = _own_world(world, environment)
         left = _fix(stopped[n], own.bodies)
         work = workspace(states[n], own)
         for step in range(begin, begin + steps):
@@ -139,36 +126,6 @@ def _fly(states, first, stopped, world, environment, begin, steps):
                 break
             integrate(states[n], first[n], own, environment, None, step, 1, work)
             left = _stop(first[n], stopped[n], own.bodies)
-
-
-@kernel
-def _fly_until_one_stops(done, total, arguments, world, work, contacts):
-    """Advance a flight by implicit steps until a body stops, room overflows, or all have stopped.
-
-    Returns the number of steps done, and ``total`` if all have stopped.
-    """
-    x, first, stopped, memory, n, begin = arguments
-    bodies, flight = world.bodies, rollout_of(first, memory, n, world)
-    before = left = bodies.moving.sum()
-    some = 1
-    while left == before and some > 0 and done < total:
-        some = integrate_implicit(x, flight, world, None, begin + done, 1, work)
-        done += some
-        left = _stop(first, stopped, bodies)
-    return total if left == 0 else done
-
-
-_complete_flight = with_growing_room(_fly_until_one_stops)
-
-
-@kernel
-def _fly_implicit(states, first, stopped, world, memory, begin, steps):
-    """Advance the states by implicit steps, as `_fly`; ``memory`` is a `SolverMemory`."""
-    for n in range(len(states)):
-        own = _own_world(world, world.environment, world.implicit)
-        if _fix(stopped[n], own.bodies) > 0:
-            arguments = states[n], first[n], stopped[n], memory, n, begin
-            _complete_flight(states[n], memory.kept_overlap[n], own, arguments, steps, FIRST_ROOM)
 
 
 @inner

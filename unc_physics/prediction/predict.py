@@ -18,7 +18,6 @@ from ..scene.belief import Belief
 from ..scene.marks import Mark
 from ..scene.materials import Materials
 from ..scene.scene import Scene
-from ..scene.stiffness import with_stiffness
 from .compute_budget import ComputeBudget
 from .driver import points_at_start, run
 from .events import Event, checked_events
@@ -150,13 +149,13 @@ def predict_marks(
 
 
 def prepare(scene: Scene, belief: Belief, propagator: Propagator, marks: Sequence[Mark]) -> Scene:
-    """Return the scene with its stiffness and without uncertain parts that have no effect.
+    """Return the scene without uncertain parts that have no effect.
 
     Raises `LimitExceededError` if a prediction for all marks exceeds the memory.
     """
     scene = without_idle_parts(scene, belief, marks[-1].time)
     check_memory(scene, belief, propagator, len(marks))
-    return with_stiffness(scene, belief.mean)
+    return scene
 
 
 def _with_flights(prediction, marks):
@@ -208,4 +207,4 @@ def start_belief(scene: Scene, belief: Belief) -> Belief:
     belief.check_fits(scene)
     if scene.integrator == "explicit":
         return belief
-    return points_at_start(with_stiffness(scene, belief.mean), belief)[0]
+    return points_at_start(scene, belief)[0]

@@ -32,7 +32,7 @@ class Prediction(PredictionData):
     Attributes
     ----------
     scene : Scene
-        As it was simulated, with the stiffness that was chosen for it.
+        As it was simulated.
     propagator : Propagator
     snapshots : tuple of Snapshot
         In order of time; the last is at the horizon.
@@ -177,12 +177,12 @@ class Prediction(PredictionData):
         Raises
         ------
         NotSupportedError
-            For scenes without the integrator ``contact``.
+            With the explicit integrator.
         InvalidRequestError
             If nothing was predicted for that time.
         """
-        if self.scene.integrator != "contact":
+        if self.scene.integrator == "explicit":
             raise NotSupportedError(
-                "has no contacts as data; 'contact' has", field="integrator", value=self.scene.integrator
+                "has no contacts as data; 'implicit' has", field="integrator", value=self.scene.integrator
             )
         return contact_table(self.scene, self.at(time).carry.contact_history)

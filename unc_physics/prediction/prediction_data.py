@@ -9,7 +9,7 @@ import numpy as np
 
 from ..checks.errors import InvalidRequestError, LimitExceededError
 from ..checks.validation import integer, number
-from ..dynamics.contact_history import ContactHistory
+from ..physics.contact_history import ContactHistory
 from ..propagators.base import Propagator
 from ..scene.belief import Belief
 from ..scene.marks import RESOLUTION

@@ -10,7 +10,6 @@ import numpy as np
 from ..checks.errors import InvalidHorizonError, LimitExceededError, NotSupportedError
 from ..checks.memory import require_memory
 from ..checks.validation import positive
-from ..collision.implicit_workspace import REMEMBERED_CONTACTS
 from ..physics.everyday.columns import REMEMBERED
 from ..physics.everyday.rollouts import FIRST_ROOM
 from ..propagators.base import Propagator, Samples
@@ -171,8 +170,6 @@ def check_memory(scene: Scene, belief: Belief, propagator: Propagator, times: in
     state = _NUMBER * STATE * bodies
     remembered = _SHORT * bodies * things
     if scene.integrator == "implicit":
-        remembered += bodies * (_REMEMBERED * REMEMBERED_CONTACTS + 10 * _NUMBER)
-    elif scene.integrator == "contact":
         remembered += bodies * _NUMBER * (FIRST_ROOM * REMEMBERED + 1)
     kept = remembered + state
     errors = _NUMBER * ERROR * len(scene.moving)

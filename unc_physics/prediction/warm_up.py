@@ -33,7 +33,6 @@ MODEL = "rod"
 TYPICAL_KERNELS = {"everyday": 330, "paper": 170}
 _LOOK = 0.2  # s, between reports
 _STEPS = 3
-_STIFFNESS = 1e5  # N/m^3
 _EVERYDAY = PRESETS["everyday"]
 
 
@@ -48,11 +47,7 @@ def warm_up(
     left out. ``answer`` takes a scene, a belief, a propagator and a horizon [s]; by default they are
     predicted and the prediction is judged.
     """
-    stiffness = physics.get("stiffness")
-    own_physics = {**physics, "overlap": None}  # which all propagators take
-    if not isinstance(stiffness, float) and physics.get("integrator") != "contact":
-        own_physics["stiffness"] = _STIFFNESS
-    scene = _scene(own_physics)
+    scene = _scene({**physics, "overlap": None, "stiffness": None})  # which all propagators take
     mean = np.zeros((3, STATE))
     mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0
     mean[:, POSITION][:, 2] = 0.0, 0.015, -0.015

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..dynamics import contact_history as histories
+from ..physics import contact_history as histories
 from ..scene.belief import Belief
 from ..scene.marks import Mark
 from ..scene.physics_keys import INTEGRATORS
@@ -57,7 +57,7 @@ class Propagator(ABC):
     ``seed`` by these names. The first line of the docstring is the description that users read.
 
     A carry is a NamedTuple of exactly the persistent state, so that advancing in pieces equals advancing at
-    once. It has the fields ``contact_history`` (`dynamics.contact_history.ContactHistory`, of its rollouts)
+    once. It has the fields ``contact_history`` (`physics.contact_history.ContactHistory`, of its rollouts)
     and ``step`` (the number of steps done).
 
     Attributes

@@ -2,8 +2,8 @@
 
 import math
 
-from ..collision.contact_model import lens_lever
 from ..compiler import inner
+from ..physics.paper.contact_model import lens_lever
 from ..spatial.layout import EP, ER, ERROR, EV, EW, P
 from ..spatial.rotation import cross, rotate, rotate_back
 

@@ -1,4 +1,4 @@
-"""The surrogate and local sampling on the step over exact shapes, from its states and its contacts.
+"""The surrogate and local sampling on the everyday step, from its states and its contacts.
 
 A nominal rollout is recorded step by step: the states before and after each step, and its contacts. Then each
 moving body's covariance (12, 12), or a root of it, goes through the same steps:
@@ -9,23 +9,23 @@ moving body's covariance (12, 12), or a root of it, goes through the same steps:
 """
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from abc import abstractmethod
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ..compiler import inner, kernel, stage
 from ..compiler.arrays import empty
-from ..dynamics.contact_history import ContactHistory
-from ..dynamics.drift_derivative import apply_gyroscopic_jacobian, apply_transition, write_exact_rotation
 from ..physics.everyday.columns import BODY_A, BODY_B, FACE_OF, IMPULSE, MU0, NORMAL, PIECE_A, PIECE_B
+from ..physics.paper.drift_derivative import apply_gyroscopic_jacobian, apply_transition, write_exact_rotation
 from ..scene.contact_world import everyday_world, recorded_contacts
-from ..scene.marks import Mark, whole
+from ..scene.marks import whole
 from ..scene.scene import Scene
 from ..shapes.columns import AXES, KIND, LATHE, ORIGIN, ROUNDING
 from ..spatial.layout import ERROR, Q, V, W
 from ..spatial.rotation import cross, rotate, rotate_back, write_matrix
 from ..spatial.vectors import dot, minus, plus, three, times
+from .base import Propagator
 from .contact_holds import arm_at, hold
 
 _AT_ONCE = 64  # steps whose contacts are kept at a time: some megabytes for dozens of bodies
@@ -111,35 +111,46 @@ def kick_pair(method, a, b, first, last, states, contact, world, blocks):
     """Let the uncertainty of one pair's contacts, rows first to last of ``contact``, act on velocities."""
 
 
-def advanced(
-    mean: np.ndarray,
-    blocks: np.ndarray,
-    history: ContactHistory,
-    method: Any,
-    scene: Scene,
-    begun: int,
-    marks: Sequence[Mark],
-    turns: int,
-) -> list[tuple[np.ndarray, np.ndarray, ContactHistory]]:
-    """Return mean (B, 13), blocks (M, 12, 12) and history at marks, ascending; the given ones stay.
+class NominalWithBlocks(Propagator):
+    """A propagator with a nominal rollout, and a covariance of each moving body or a root of it.
 
-    The blocks are covariances of the moving bodies (``turns`` 2), or roots of them (1). ``method`` is the
-    data of `kick_pair`.
+    Its carry has a mean (B, 13), the blocks (M, 12, 12), the contact history, and the number of steps done.
     """
-    found = []
-    for mark in marks:
-        steps = [whole(step, scene.dt) for step in range(begun + 1, mark.steps + 1)]
-        for first in range(0, len(steps), _AT_ONCE):
-            some = steps[first : first + _AT_ONCE]
-            mean, blocks, history = _through(some, mean, blocks, history, method, scene, begun, turns)
-            begun += len(some)
-        at = mean, blocks, history
-        found.append(_through([mark], *at, method, scene, begun, turns) if mark.rest > 0.0 else at)
-    return found
+
+    turns: ClassVar[int]  # 2 for covariances, which a linear map multiplies from both sides; 1 for roots
+
+    @abstractmethod
+    def contact_method(self) -> Any:
+        """Return the data of `kick_pair`."""
+
+    @abstractmethod
+    def advance_explicit(self, carry: Any, scene: Scene, steps: int) -> Any:
+        """Return the carry after ``steps`` explicit steps."""
+
+    def advance(self, carry, scene, steps):
+        if scene.integrator == "explicit":
+            return self.advance_explicit(carry, scene, steps)
+        return self.advance_through(carry, scene, [whole(carry.step + steps, scene.dt)])[0]
+
+    def advance_through(self, carry, scene, marks):
+        if scene.integrator == "explicit":
+            return super().advance_through(carry, scene, marks)
+        found, method = [], self.contact_method()
+        at, begun = tuple(carry[:-1]), carry.step
+        for mark in marks:
+            steps = [whole(step, scene.dt) for step in range(begun + 1, mark.steps + 1)]
+            for first in range(0, len(steps), _AT_ONCE):
+                some = steps[first : first + _AT_ONCE]
+                at = _through(some, at, method, scene, begun, self.turns)
+                begun += len(some)
+            end = _through([mark], at, method, scene, begun, self.turns) if mark.rest > 0.0 else at
+            found.append(type(carry)(*end, mark.fraction_of(scene.dt)))
+        return found
 
 
-def _through(marks, mean, blocks, history, method, scene, begun, turns):
-    """Return mean, blocks and history at the last mark, a step of each of them long."""
+def _through(marks, at, method, scene, begun, turns):
+    """Return mean, blocks and history at the last mark, from those ``at`` present; each mark is a step on."""
+    mean, blocks, history = at
     z = np.zeros((1, len(scene.uncertain)))
     part = recorded_contacts(mean[None], history, scene, z, begun, marks)
     states = np.concatenate([mean[None], *(after for after, _ in part)])

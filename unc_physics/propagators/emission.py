@@ -11,8 +11,7 @@ import numpy as np
 
 from ..compiler import kernel
 from ..compiler.arrays import zeros
-from ..dynamics.contact_history import ContactHistory
-from ..initialization.overlap_search import OVERLAP_TOLERANCE
+from ..physics.contact_history import ContactHistory
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
@@ -24,6 +23,7 @@ from .impact_metric import impact_metric
 from .overlap_depths import overlaps
 from .reduction import Reduction, common_covariance, moved_in_common, reduction, symmetric
 from .response_surface import ResponseSurface, active_directions, fit, smoother, solve, surface_moments
+from .start import OVERLAP_TOLERANCE
 
 #: Spreads below the compliance of contacts [m], [rad]: outcomes and standard errors are not resolved below.
 SPREAD_FLOORS = 5e-5, 1e-3
@@ -414,7 +414,7 @@ def _propagate_flights(runs, scene, group, z):
     """Return the states (S, 1, 13) of a body without contacts, for its numbers ``z`` (S, d)."""
     own = z[:, : group.root.shape[1]]
     states = spread_states(runs.mean[group.bodies], np.arange(1), np.einsum("sr,kr->sk", own, group.root))
-    flight = Flight(scene.world.gravity, course_of(scene, runs.step), runs.step)
+    flight = Flight(scene.gravity, course_of(scene, runs.step), runs.step)
     parameters = np.zeros((len(z), runs.parameters.shape[1]))
     parameters[:, group.columns[group.root.shape[1] :] - runs.root.shape[1]] = z[:, group.root.shape[1] :]
     offsets = center_offsets(scene, parameters)
@@ -464,7 +464,7 @@ def _moments_of(runs, scene, group, ends):
         ends = ends.copy()
         moved_in_common(ends, -(own @ reduced.common) @ reduced.motion.T, course_of(scene, runs.step))
     mean, errors = mean_and_errors(np.ascontiguousarray(ends), np.arange(len(group.bodies)))
-    weights = _weights(errors, scene.world.bodies.radius[group.bodies])
+    weights = _weights(errors, scene.radii[group.bodies])
     if fitted is None or len(fitted.x) != len(errors):
         fitted = runs.shared.fits[group.key] = _fit(runs, scene, group, reduced, errors * weights)
     surface = fitted.surface

@@ -29,10 +29,9 @@ class Course(NamedTuple):
 def course(dt: float, decay: float, steps: float, integrator: str) -> Course:
     """Return the course of ``steps`` time steps of an integrator; the last one may be a part of a step.
 
-    All compute ``v' = decay v + h g``, with h = dt, except that the step over exact shapes has the exact mean
-    of gravity's decay. The explicit integrator travels at v, the others at the mean of v and v', a parabola.
-    The step over exact shapes turns at the mean of both angular velocities, the others at that of the
-    beginning.
+    Both compute ``v' = decay v + h g``. The explicit one has h = dt, travels at v, and turns at the angular
+    velocity of the beginning. The implicit one has the exact mean of gravity's decay, travels at the mean of
+    v and v', a parabola, and turns at the mean of both angular velocities.
     """
     if steps == 0:
         return Course(1.0, 0.0, 0.0, 0.0, 0.0)
@@ -45,16 +44,15 @@ def course(dt: float, decay: float, steps: float, integrator: str) -> Course:
     if integrator != "explicit":
         reach = 0.5 * dt * float((powers[:-1] + powers[1:]).sum())
         sink = 0.5 * dt * float((falls[:-1] + falls[1:]).sum())
+        turn = reach
     else:
         reach, sink = turn, dt * float(falls[:-1].sum())
-    if integrator == "contact":
-        turn = reach
     return Course(float(powers[-1]), float(falls[-1]), reach, sink, turn)
 
 
 def _fall(dt, decay, integrator):
     """Return the factor on gravity in the change of velocity within a step [s]."""
-    exact = integrator == "contact" and decay < 1.0
+    exact = integrator == "implicit" and decay < 1.0
     return dt * (1.0 - decay) / -math.log(decay) if exact else dt
 
 
@@ -66,14 +64,13 @@ def _with_part_of_a_step(whole, dt, decay, part, integrator):
     v, g, w = whole.decay, whole.fall, whole.decay
     if integrator != "explicit":
         v, g = 0.5 * (whole.decay + end), 0.5 * (whole.fall + fall)
-    if integrator == "contact":
         w = v
     return Course(end, fall, whole.reach + h * v, whole.sink + h * g, whole.turn + h * w)
 
 
 def course_of(scene: Scene, steps: float) -> Course:
     """Return the course of ``steps`` time steps in a scene; the last one may be shorter."""
-    return course(scene.dt, scene.world.decay, steps, scene.integrator)
+    return course(scene.dt, scene.decay, steps, scene.integrator)
 
 
 class Flight(NamedTuple):

@@ -44,13 +44,12 @@ def impact_metric(
     size = root.shape[1]
     errors = root.reshape(len(bodies), ERROR, size)
     G = np.zeros((size + parameters, size + parameters))
-    world = scene.world
-    states, radii = mean[bodies], world.bodies.radius[bodies]
+    states, radii = mean[bodies], scene.radii[bodies]
     for i, j, time, share in meetings:
-        along = course_of(scene, round(time / world.dt))
+        along = course_of(scene, round(time / scene.dt))
         who = [i] if j < 0 else [i, j]
         course = along.decay, along.fall, along.reach, along.turn
-        _add_meeting(G, share, states[who], radii[who], errors[who], world.gravity, course)
+        _add_meeting(G, share, states[who], radii[who], errors[who], scene.gravity, course)
     if parameters:
         largest = np.linalg.eigvalsh(G)[-1]
         G[np.arange(size, size + parameters), np.arange(size, size + parameters)] = _PARAMETER**2 * largest

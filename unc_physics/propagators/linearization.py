@@ -11,13 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..collision.narrow_phase import NORMAL, POINT, VOLUME
 from ..compiler import kernel
 from ..compiler.arrays import empty, integers
-from ..dynamics import contact_history as histories
-from ..dynamics.contact_history import ContactHistory
-from ..dynamics.drift_derivative import apply_drift_jacobian, write_exact_rotation
-from ..dynamics.explicit_step import (
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
+from ..physics.paper.drift_derivative import apply_drift_jacobian, write_exact_rotation
+from ..physics.paper.explicit_step import (
     after_element,
     after_pair,
     after_pairs,
@@ -26,7 +25,8 @@ from ..dynamics.explicit_step import (
     on_contacts,
     on_element_contacts,
 )
-from ..dynamics.workspace import workspace
+from ..physics.paper.narrow_phase import NORMAL, POINT, VOLUME
+from ..physics.paper.workspace import workspace
 from ..scene.belief import Belief
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
@@ -48,7 +48,7 @@ LIMITS = ((ERR_POSITION, 1e-3), (ERR_ROTATION, 1e-2), (ERR_VELOCITY, 1e-2), (ERR
 
 
 #: Integrators whose contacts have no derivative in closed form.
-_DIFFERENCES = ("implicit", "contact")
+_DIFFERENCES = ("implicit",)
 
 
 class LinearizationCarry(NamedTuple):

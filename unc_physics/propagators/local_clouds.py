@@ -5,12 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..collision.narrow_phase import NORMAL, VOLUME
-from ..collision.shapes import surface
 from ..compiler import inner, kernel
 from ..compiler.arrays import booleans, empty, zeros
-from ..dynamics.drift_derivative import apply_drift_jacobian, write_printed_rotation
-from ..dynamics.explicit_step import (
+from ..physics.paper.drift_derivative import apply_drift_jacobian, write_printed_rotation
+from ..physics.paper.explicit_step import (
     after_element,
     after_pair,
     before_drift,
@@ -18,7 +16,9 @@ from ..dynamics.explicit_step import (
     on_contacts,
     on_element_contacts,
 )
-from ..dynamics.workspace import workspace
+from ..physics.paper.narrow_phase import NORMAL, VOLUME
+from ..physics.paper.solids import surface
+from ..physics.paper.workspace import workspace
 from ..spatial.layout import EP, ER, ERROR, EV, EW
 from ..spatial.random import RUN, combine, places
 from ..spatial.rotation import cross, exp, rotate, rotate_back, rotate_by_quaternion

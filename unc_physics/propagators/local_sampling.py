@@ -7,16 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..dynamics import contact_history as histories
-from ..dynamics.contact_history import ContactHistory
-from ..dynamics.implicit_rollout import FIRST_ROOM
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
 from ..scene.belief import Belief
-from ..scene.marks import whole
 from ..scene.physics_keys import INTEGRATORS
-from .base import Propagator, Traits
+from .base import Traits
 from .contact_kicks import PerturbedContacts
-from .contact_steps import advanced
-from .implicit_local_sampling import advance_solved_covariances
+from .contact_steps import NominalWithBlocks
 from .local_clouds import advance_covariances
 from .options import option
 from .sampled_contacts import TABLE
@@ -39,18 +36,19 @@ class LocalSamplingCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalSampling(Propagator):
+class LocalSampling(NominalWithBlocks):
     """Local sampling, one body at a time (Eqs. 30 to 35).
 
     Notes
     -----
     The mean is a rollout with the full physics. A perturbed contact keeps the nominal volume; its direction
     and its lever arms are those of the perturbed spheres, the inertia is the nominal one. Positions and
-    rotations are drawn independently, as in Eq. 31. On exact shapes `contact_steps` says what acts, and all
-    contacts of a pair share their draws.
+    rotations are drawn independently, as in Eq. 31. With the implicit integrator `contact_steps` says what
+    acts, and all contacts of a pair share their draws.
     """
 
     name = "local_sampling"
+    turns = 2
     traits = Traits("nominal", "covariance, per body", False, True, "sampled")
     integrators = INTEGRATORS
 
@@ -62,33 +60,19 @@ class LocalSampling(Propagator):
         mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
         return LocalSamplingCarry(mean[0], belief.blocks.copy(), history, 0)
 
-    def advance_through(self, carry, scene, marks):
-        if scene.integrator != "contact":
-            return super().advance_through(carry, scene, marks)
-        method = PerturbedContacts(TABLE, self.samples, self.seed % 2**63, np.empty(1, np.uint64))
-        own = carry.mean, carry.covariance, carry.contact_history
-        through = advanced(*own, method, scene, carry.step, marks, turns=2)
-        steps = [mark.fraction_of(scene.dt) for mark in marks]
-        return [
-            LocalSamplingCarry(*at, 0)._replace(step=step) for at, step in zip(through, steps, strict=True)
-        ]
+    def contact_method(self):
+        return PerturbedContacts(*self._draws, np.empty(1, np.uint64))
 
-    def advance(self, carry, scene, steps):
-        if scene.integrator == "contact":
-            return self.advance_through(carry, scene, [whole(carry.step + steps, scene.dt)])[0]
+    def advance_explicit(self, carry, scene, steps):
         mean, covariance = carry.mean.copy(), carry.covariance.copy()
-        history = histories.copy(carry.contact_history)
-        world = scene.world
-        draws = TABLE, self.samples, self.seed % 2**63
-        first, begun = history.first_time[0], carry.step
-        if world.implicit is None:
-            advance_covariances(mean, covariance, first, world, world.environment, begun, steps, draws)
-        else:
-            source = covariance, draws
-            advance_solved_covariances(
-                mean, first, history.solver, 0, world, source, begun, steps, FIRST_ROOM
-            )
+        history, world, draws = histories.copy(carry.contact_history), scene.world, self._draws
+        first = history.first_time[0]
+        advance_covariances(mean, covariance, first, world, world.environment, carry.step, steps, draws)
         return LocalSamplingCarry(mean, covariance, history, carry.step + steps)
+
+    @property
+    def _draws(self):
+        return TABLE, self.samples, self.seed % 2**63
 
     def belief(self, carry, scene):
         P = 0.5 * (carry.covariance + carry.covariance.transpose(0, 2, 1))

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..dynamics import contact_history as histories
-from ..dynamics.contact_history import ContactHistory
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
 from ..scene.belief import Belief
 from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, draw_parameters, moved_along

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from ..collision.broad_phase import near_pairs
-from ..collision.element_contacts import element_distance, next_element_contacts, open_element
-from ..collision.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
 from ..compiler import inner, kernel
-from ..dynamics.free_motion import integrate_position, integrate_rotation
-from ..dynamics.workspace import workspace
+from ..physics.paper.broad_phase import near_pairs
+from ..physics.paper.element_contacts import element_distance, next_element_contacts, open_element
+from ..physics.paper.free_motion import integrate_position, integrate_rotation
+from ..physics.paper.narrow_phase import DISTANCE, VOLUME, next_contacts, open_pair
+from ..physics.paper.workspace import workspace
 from ..scene.contact_world import depths_of_pairs
 from ..scene.scene import Scene
 from ..spatial.layout import POSITION, P, V, W
@@ -27,7 +27,7 @@ def overlaps(scene: Scene, states: np.ndarray, *, among_moving: bool = True) -> 
     Each is (N, B), of states (N, B, 13). Without ``among_moving``, only overlap with the environment and with
     fixed bodies counts.
     """
-    if scene.integrator == "contact":
+    if scene.integrator == "implicit":
         return _exact(scene, states, among_moving), np.zeros(states.shape[:2])
     depth, work = np.zeros((*states.shape[:2], 1)), np.zeros(states.shape[:2])
     _add_overlaps(_nudged(scene, states), scene.world, scene.world.environment, among_moving, depth, work)
@@ -45,7 +45,7 @@ def _exact(scene, states, among_moving):
 
 def pair_overlaps(scene: Scene, states: np.ndarray) -> np.ndarray:
     """Return the depth of each overlap in states (N, B, 13), with bodies and elements: (N, B, B + E) [m]."""
-    if scene.integrator == "contact":
+    if scene.integrator == "implicit":
         return depths_of_pairs(scene, states)
     bodies = len(scene.bodies)
     depth = np.zeros((len(states), bodies, bodies + len(scene.environment)))

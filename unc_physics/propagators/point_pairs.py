@@ -8,7 +8,7 @@ import numpy as np
 
 from ..compiler import kernel
 from ..compiler.arrays import empty
-from ..dynamics.contact_history import ContactHistory
+from ..physics.contact_history import ContactHistory
 from ..scene.belief import Belief
 from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, moved_along

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ..dynamics import contact_history as histories
-from ..dynamics.rollout import recorded
+import numpy as np
+
+from ..physics import contact_history as histories
+from ..physics.paper.rollout import recorded
 from ..scene.contact_world import recorded_contacts
 from ..scene.marks import Mark, whole
 from ..scene.parameters import recorded_varied
 from ..scene.scene import Scene
-from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
 from .base import Propagator
 
 
@@ -40,34 +41,22 @@ def recorded_rollouts(carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[A
 
     Each rollout is simulated to all of them at once: a call of its own costs as much as dozens of steps.
     """
-    if scene.integrator == "contact":
+    if scene.integrator == "explicit":
+        found = _explicit_rollouts(carry, scene, [mark.steps for mark in marks])
+    else:
         found = recorded_contacts(
             carry.states, carry.contact_history, scene, carry.parameters, carry.step, marks
         )
-        return [
-            carry._replace(states=states, contact_history=history, step=mark.fraction_of(scene.dt))
-            for mark, (states, history) in zip(marks, found, strict=True)
-        ]
-    if _all_sleep(carry, scene):
-        return [carry._replace(step=mark.fraction_of(scene.dt)) for mark in marks]
-    states, history = carry.states.copy(), histories.copy(carry.contact_history)
-    stops = scene.stops(carry.step, marks)
-    if scene.uncertain:
-        found = recorded_varied(states, history, scene, carry.parameters, carry.step, stops)
-    else:
-        found = recorded(states, history, scene.world, carry.step, stops)
     return [
         carry._replace(states=states, contact_history=history, step=mark.fraction_of(scene.dt))
         for mark, (states, history) in zip(marks, found, strict=True)
     ]
 
 
-def _all_sleep(carry, scene):
-    """Return whether no step changes anything: all bodies sleep in all rollouts, and nothing wakes them."""
-    if scene.acts or not len(scene.moving):
-        return False
-    sleeping = histories.asleep(carry.contact_history, scene.world)[:, scene.moving]
-    if not sleeping.all():
-        return False
-    states = carry.states[:, scene.moving]
-    return not states[..., VELOCITY].any() and not states[..., ANGULAR_VELOCITY].any()
+def _explicit_rollouts(carry, scene, steps):
+    """Return states and histories after whole steps of the explicit integrator; the carry stays."""
+    states, history = carry.states.copy(), histories.copy(carry.contact_history)
+    steps = np.array(steps, np.int64) - carry.step
+    if scene.uncertain:
+        return recorded_varied(states, history, scene, carry.parameters, carry.step, steps)
+    return recorded(states, history, scene.world, carry.step, steps)

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from ..collision.narrow_phase import DISTANCE, NORMAL, VOLUME
 from ..compiler import inner, kernel
+from ..physics.paper.narrow_phase import DISTANCE, NORMAL, VOLUME
 from ..spatial.random import RUN, combine, normal_table, places
 from ..spatial.rotation import rotate
 

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..checks.errors import LimitExceededError
 from ..compiler.threads import in_threads
-from ..compiler.time_limit import limited
-from ..dynamics import contact_history as histories
-from ..dynamics.actions import no_actions
-from ..dynamics.contact_history import ContactHistory, InitialAdjustment
-from ..dynamics.implicit_world import rest_steps
-from ..dynamics.rollout import rollout
-from ..initialization.lowering import lower
-from ..initialization.overlap_rows import Metric
-from ..initialization.overlap_search import OVERLAP_TOLERANCE, sides_of
-from ..initialization.projection import ProjectionInput, ProjectionOutput, project
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory, InitialAdjustment
 from ..physics.everyday import start as start_of_steps
 from ..scene.belief import Belief
 from ..scene.contact_world import everyday_world, fresh_history, settled_contacts
@@ -38,9 +29,8 @@ from ..spatial.layout import (
 )
 from ..spatial.rotation import conjugate, log, multiply, rotate_vectors, rotation_matrix
 
-_STEP = 1.0 / 60.0  # time step of settling [s]
-_FIRST_SETTLING, _LONGEST_SETTLING = 0.15, 3.0  # simulated times of the first attempt and of all attempts [s]
-_ASLEEP = 0.1  # time without motion after which a body counts as settled [s]
+#: Overlap that is tolerated, about that of a loaded contact [m].
+OVERLAP_TOLERANCE = 5e-5
 _DRAWN_AT_ONCE, _ACCEPTANCE = 400, 0.05  # samples, and the smallest share of them without overlap
 #: Least standard deviations of the height [m] and tilt [rad] of bodies at rest, which contact determines.
 _LEAST_STD, _LEAST_TILT = 5e-3, 0.03
@@ -90,7 +80,7 @@ def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:
                 value=scene.overlap,
             )
         states = belief.sample(max(count, _DRAWN_AT_ONCE), rng)
-        overlap = _resolution(scene, belief, states).adjustment().overlap
+        overlap = _Resolution(scene, belief, states).adjustment().overlap
         free = states[(overlap <= OVERLAP_TOLERANCE).all(axis=1)]
         accepted.append(free)
         found, drawn = found + len(free), drawn + len(states)
@@ -102,7 +92,7 @@ def resolve_initial_overlap(
 ) -> tuple[np.ndarray, ContactHistory]:
     """Move states (N, B, 13) drawn from a belief out of overlap, and let bodies at rest settle.
 
-    Overlap is projected away (`initialization.projection`) unless the scene's ``overlap`` is ``keep``. Bodies
+    Overlap is projected away (`physics.everyday.start`) unless the scene's ``overlap`` is ``keep``. Bodies
     that are ``at_rest`` then settle on their supports. The belief is as `constrain_belief` returns it. The
     history, returned with the states, holds the remaining overlap, and in ``start`` the changes made.
     """
@@ -110,21 +100,18 @@ def resolve_initial_overlap(
     if scene.integrator == "explicit":
         return states, histories.fresh(len(states), scene.world)
     if scene.overlap == "keep" and not resting.any():
-        resolution = _resolution(scene, belief, states)
-        return states, resolution.fresh_history()._replace(start=resolution.adjustment())
+        resolution = _Resolution(scene, belief, states)
+        return states, fresh_history(scene, len(states))._replace(start=resolution.adjustment())
     drawn, states = states, states.copy()
-    resolution = _resolution(scene, belief, states)
+    resolution = _Resolution(scene, belief, states)
     mean = resolution.of_mean()
     if not resting.any() and mean.is_unchanged(states):  # a single nominal rollout, without overlap
         return states, mean.history
-    sides = mean.sides()
     if scene.overlap != "keep":
-        resolution.project(sides)
+        resolution.project(mean.origin)
     if resting.any():
-        resolution.settle(drawn, sides, resting)
-        if scene.overlap != "keep" and resolution.settles_alone and not resting[scene.moving].all():
-            resolution.project(sides, resting)
-    return states, resolution.finished()
+        resolution.settle(drawn, resting)
+    return states, resolution.history
 
 
 def move_out_of_overlap(
@@ -138,9 +125,24 @@ def move_out_of_overlap(
     states = states.copy()
     held = np.ones(len(scene.bodies), bool)
     held[list(bodies)] = False
-    resolution = _resolution(scene, belief, states)
-    resolution.project(resolution.of_mean().sides(), held)
+    resolution = _Resolution(scene, belief, states)
+    resolution.project(resolution.of_mean().origin, held)
     return states, resolution.kept
+
+
+class _Metric(NamedTuple):
+    """Metric of possible motions: what is known well gives way least.
+
+    Attributes
+    ----------
+    covariance : (M, 12, M, 12) float64
+        Covariance of the error states of the M moving bodies.
+    place : (B,) int64
+        Index of each body among the M; -1 if it does not move.
+    """
+
+    covariance: np.ndarray
+    place: np.ndarray
 
 
 class _Resolution:
@@ -154,24 +156,11 @@ class _Resolution:
         Remaining overlap [m].
     """
 
-    settles_alone = True  # so that bodies may overlap what came to rest
-
-    def __init__(self, scene: Scene, belief: Belief, states: np.ndarray, metric: Metric | None = None):
+    def __init__(self, scene: Scene, belief: Belief, states: np.ndarray, metric: _Metric | None = None):
         self._scene, self._belief, self._states = scene, belief, states
         self._metric = _metric(scene, belief) if metric is None else metric
-        self.history: Any = self.fresh_history()
+        self.history: Any = fresh_history(scene, len(states))
         self.kept = np.zeros(self.history.first_time.shape, np.float32)
-
-    def fresh_history(self) -> ContactHistory:
-        """Return the history of new rollouts from the states."""
-        return histories.fresh(len(self._states), self._scene.world)
-
-    def finished(self) -> ContactHistory:
-        """Return the history of rollouts from the states as they are now."""
-        history = self.history
-        if self.kept.any():
-            history = history._replace(solver=history.solver._replace(kept_overlap=self.kept))
-        return history
 
     def adjustment(self) -> InitialAdjustment:
         """Return the overlap of the states, which do not change."""
@@ -180,140 +169,38 @@ class _Resolution:
 
     def of_mean(self) -> _Resolution:
         """Return the resolution of the belief's mean, which is moved out of overlap."""
-        mean = type(self)(self._scene, self._belief, self._belief.mean[None].copy(), self._metric)
+        mean = _Resolution(self._scene, self._belief, self._belief.mean[None].copy(), self._metric)
         mean.project(self._nowhere())
         return mean
 
     def _nowhere(self):
-        """Return no sides, or no poses, to come from."""
-        return np.zeros((*self.kept.shape[1:], 3))
+        """Return no poses to come from."""
+        return np.empty((0, *self._states.shape[2:]))
 
-    def sides(self) -> np.ndarray:
-        """Return on which side of each other bodies are in the first state, without overlap (`sides_of`)."""
-        return sides_of(self._states[0], limited(self._scene.world))
+    @property
+    def origin(self) -> np.ndarray:
+        """The first state (B, 13), out of overlap, from which others come."""
+        return self._states[0].copy()
 
     def is_unchanged(self, states: np.ndarray) -> bool:
         """Return whether ``states`` are these states, which have no overlap."""
         return np.array_equal(states, self._states) and not self.history.start.overlap.any()
 
-    def project(self, sides: np.ndarray, held: np.ndarray | None = None, look_only: bool = False) -> None:
-        """Move the states to the nearest poses without overlap; bodies that are ``held`` (B,) do not move."""
-        world, metric, own = limited(self._scene.world), self._metric, held_at_start(self._scene)
-        held = own if held is None else held | own
-        if held.any():
-            world = _with_fixed(world, held)
-            metric = metric._replace(place=np.where(held, -1, metric.place))
-        given = ProjectionInput(self._belief.mean.copy(), metric, sides, look_only)
+    def project(self, origin: np.ndarray, held: np.ndarray | None = None, look_only: bool = False) -> None:
+        """Move the states, which come from ``origin`` (B, 13), to the nearest poses without overlap.
 
-        def run(part):
-            own: Any = histories.samples(self.history, part)
-            project(
-                self._states[part], given, ProjectionOutput(own.start, own.first_time, self.kept[part]), world
-            )
-
-        in_threads(len(self._states), run)
-
-    def settle(self, drawn: np.ndarray, sides: np.ndarray, resting: np.ndarray) -> None:
-        """Let the bodies ``resting`` (B,) come to rest; the other bodies do not move.
-
-        First they are lowered onto their supports (`lowering.lower`), which keeps the spread of their
-        horizontal positions. Time steps from rest then show which of them are stable. ``drawn`` (N, B, 13)
-        are the states before overlap was removed.
+        Bodies that are ``held`` (B,) do not move.
         """
-        scene, states, kept = self._scene, self._states, self.kept
-        world = _with_fixed(limited(scene.world), ~resting)
-        still, before = states.copy(), states[:, resting]
-        still[..., VELOCITY] = still[..., ANGULAR_VELOCITY] = 0.0
-        start = self.history.start
-
-        def run(part):
-            lower(still[part], sides, world, histories.samples(self.history, part).start, kept[part])
-
-        in_threads(len(still), run)
-        nothing_below = start.unsettled.any(axis=1)
-        memory = self._simulate_settling(still, np.flatnonzero(~nothing_below), world, resting)
-        states[:, resting] = np.where(nothing_below[:, None, None], before, still[:, resting])
-        states[:, resting, VELOCITY] = states[:, resting, ANGULAR_VELOCITY] = 0.0
-        self._note_settling(drawn, resting)
-        if resting[scene.moving].all():
-            memory.solver.residual[:] = 0.0
-            _note_support(self.history.first_time, memory.solver)
-            solver = memory.solver._replace(kept_overlap=self.history.solver.kept_overlap)
-            self.history = self.history._replace(solver=solver)
-
-    def _simulate_settling(self, still, restless, world, resting):
-        """Simulate the samples ``restless`` of ``still`` until their bodies sleep; return the history."""
-        implicit = world.implicit._replace(rest_steps=rest_steps(_STEP))
-        without_actions = world.environment._replace(actions=no_actions(still.shape[1]))
-        creeping = world._replace(dt=_STEP, decay=0.0, implicit=implicit, environment=without_actions)
-        memory: Any = histories.fresh(len(still), world)
-        if self.kept.any():
-            memory = memory._replace(solver=memory.solver._replace(kept_overlap=self.kept.copy()))
-        time = _FIRST_SETTLING
-        while len(restless) and time <= _LONGEST_SETTLING:
-            states, own = still[restless], histories.samples(memory, restless)
-            rollout(states, own, creeping, 0, math.ceil(time / _STEP))
-            still[restless] = states
-            for values, others in zip(memory.solver, own.solver, strict=True):
-                values[restless] = others
-            asleep = own.solver.rest_steps[:, resting] * _STEP >= _ASLEEP
-            self.history.start.unsettled[np.ix_(restless, np.flatnonzero(resting))] = ~asleep
-            restless, time = restless[~asleep.all(axis=1)], 2.0 * time
-        return memory
-
-    def _note_settling(self, drawn, resting):
-        """Record in the history how far settling moved and tilted the bodies."""
-        belief, states, start = self._belief, self._states, self.history.start
-        down, flat = _down(self._scene)
-        bodies = np.flatnonzero(resting)
-        # the direction of gravity in the bodies' frames
-        before, after = (
-            rotate_vectors(x[:, bodies, QUATERNION] * [-1.0, -1.0, -1.0, 1.0], down) for x in (drawn, states)
-        )
-        cross = np.linalg.norm(np.cross(before, after), axis=-1)
-        start.tilted[:, bodies] = np.arctan2(cross, (before * after).sum(axis=-1))
-        blocks = belief.blocks[np.searchsorted(belief.moving, bodies)]
-        vertical = np.einsum("i,bij,j->b", down, blocks[:, ERR_POSITION, ERR_POSITION], down)
-        std = np.sqrt(np.maximum(vertical, 0.0))
-        sunk = np.abs((states[:, bodies, POSITION] - drawn[:, bodies, POSITION]) @ down)
-        frames = [rotation_matrix(belief.mean[k, QUATERNION]) for k in bodies]
-        spreads = [R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T for R, P in zip(frames, blocks, strict=True)]
-        tilts = np.sqrt([np.trace(flat @ spread @ flat) / 2.0 for spread in spreads])
-        far = sunk / np.maximum(std, _HONEST_STD), start.tilted[:, bodies] / np.maximum(tilts, _LEAST_TILT)
-        start.moved[:, bodies] = np.maximum.reduce([start.moved[:, bodies], *far])
-
-
-class _ExactResolution(_Resolution):
-    """As `_Resolution`, with exact shapes (`physics.everyday.start`).
-
-    In place of sides, samples get the poses that they come from: those of the mean, out of overlap.
-    """
-
-    settles_alone = False
-
-    def fresh_history(self):
-        return fresh_history(self._scene, len(self._states))
-
-    def finished(self):
-        return self.history
-
-    def sides(self):
-        return self._states[0].copy()
-
-    def _nowhere(self):
-        return np.empty((0, *self._states.shape[2:]))
-
-    def project(self, sides, held=None, look_only=False):
         own = held_at_start(self._scene)
         held = own if held is None else held | own
-        metric, world = self._exact_metric(held), everyday_world(self._scene)
+        metric, world = self._mobility(held), everyday_world(self._scene)
         drawn, start, first = self._states.copy(), self.history.start, self.history.first_time
 
         def run(part):
             found = start_of_steps.Separation(
                 *(values[part] for values in (start.overlap, start.kept, start.partner, first))
             )
-            start_of_steps.separate(self._states[part], sides, metric, world, look_only, found)
+            start_of_steps.separate(self._states[part], origin, metric, world, look_only, found)
 
         in_threads(len(self._states), run)
         if look_only:
@@ -324,10 +211,16 @@ class _ExactResolution(_Resolution):
             moved = _mahalanobis(drawn[:, k], self._states[:, k], metric.covariance[k, k])
             start.moved[:, k] = np.maximum(start.moved[:, k], moved)
 
-    def settle(self, drawn, sides, resting):
+    def settle(self, drawn: np.ndarray, resting: np.ndarray) -> None:
+        """Let the bodies ``resting`` (B,) come to rest; the other bodies do not move.
+
+        First they are lowered onto their supports, which keeps the spread of their horizontal positions. Time
+        steps from rest then show which of them are stable. ``drawn`` (N, B, 13) are the states before overlap
+        was removed.
+        """
         scene, states, start = self._scene, self._states, self.history.start
         down, flat = _down(scene)
-        metric = self._exact_metric(~resting)
+        metric = self._mobility(~resting)
         metric.covariance[:] = 0.0
         for k, body in enumerate(scene.bodies):
             if resting[k]:
@@ -354,7 +247,28 @@ class _ExactResolution(_Resolution):
             first = np.minimum(self.history.first_time, history.first_time)
             self.history = self.history._replace(first_time=first, solver=history.solver)
 
-    def _exact_metric(self, held):
+    def _note_settling(self, drawn, resting):
+        """Record in the history how far settling moved and tilted the bodies."""
+        belief, states, start = self._belief, self._states, self.history.start
+        down, flat = _down(self._scene)
+        bodies = np.flatnonzero(resting)
+        # the direction of gravity in the bodies' frames
+        before, after = (
+            rotate_vectors(x[:, bodies, QUATERNION] * [-1.0, -1.0, -1.0, 1.0], down) for x in (drawn, states)
+        )
+        cross = np.linalg.norm(np.cross(before, after), axis=-1)
+        start.tilted[:, bodies] = np.arctan2(cross, (before * after).sum(axis=-1))
+        blocks = belief.blocks[np.searchsorted(belief.moving, bodies)]
+        vertical = np.einsum("i,bij,j->b", down, blocks[:, ERR_POSITION, ERR_POSITION], down)
+        std = np.sqrt(np.maximum(vertical, 0.0))
+        sunk = np.abs((states[:, bodies, POSITION] - drawn[:, bodies, POSITION]) @ down)
+        frames = [rotation_matrix(belief.mean[k, QUATERNION]) for k in bodies]
+        spreads = [R @ P[ERR_ROTATION, ERR_ROTATION] @ R.T for R, P in zip(frames, blocks, strict=True)]
+        tilts = np.sqrt([np.trace(flat @ spread @ flat) / 2.0 for spread in spreads])
+        far = sunk / np.maximum(std, _HONEST_STD), start.tilted[:, bodies] / np.maximum(tilts, _LEAST_TILT)
+        start.moved[:, bodies] = np.maximum.reduce([start.moved[:, bodies], *far])
+
+    def _mobility(self, held):
         """Return the metric of `physics.everyday.start`, with some bodies ``held`` (B,)."""
         bodies, given = self._scene.bodies, self._metric
         covariance, velocity = np.zeros((2, len(bodies), len(bodies), 6, 6))
@@ -373,11 +287,6 @@ class _ExactResolution(_Resolution):
             [self._belief.mean[:, VELOCITY], self._belief.mean[:, ANGULAR_VELOCITY]], axis=1
         )
         return start_of_steps.Mobility(covariance, velocity, mean, moves, joint)
-
-
-def _resolution(scene, belief, states):
-    """Return the `_Resolution` of states, for the scene's integrator."""
-    return (_ExactResolution if scene.integrator == "contact" else _Resolution)(scene, belief, states)
 
 
 def _mahalanobis(before, after, covariance):
@@ -414,7 +323,7 @@ def _metric(scene, belief):
     _free_resting(scene, belief, P)
     place = np.full(len(scene.bodies), -1)
     place[belief.moving] = np.arange(count)
-    return Metric(P, np.abs(P).max(axis=(1, 3)) > 0.0, place)
+    return _Metric(P, place)
 
 
 def _free_resting(scene, belief, P):
@@ -432,21 +341,3 @@ def _down(scene):
     """Return the direction of gravity (3,), and the projection (3, 3) onto the horizontal plane."""
     down = scene.gravity / np.linalg.norm(scene.gravity)
     return down, np.eye(3) - np.outer(down, down)
-
-
-def _with_fixed(world, held):
-    """Return the world in which the bodies ``held`` (B,) do not move."""
-    b = world.bodies
-    inverse_mass, inverse_inertia = b.inverse_mass.copy(), b.inverse_inertia.copy()
-    inverse_mass[held], inverse_inertia[held] = 0.0, 0.0
-    bodies = b._replace(moving=b.moving & ~held, inverse_mass=inverse_mass, inverse_inertia=inverse_inertia)
-    return world._replace(bodies=bodies)
-
-
-def _note_support(first_time, memory):
-    """Set the first contact to time 0 for contacts that carry load when rollouts begin."""
-    bodies = first_time.shape[1]
-    for n, count in enumerate(memory.count):
-        i, j = memory.contact[n, :count, 0], memory.contact[n, :count, 1]
-        low, high = np.where(j < 0, i, np.minimum(i, j)), np.where(j < 0, bodies - 1 - j, np.maximum(i, j))
-        first_time[n, low, high] = 0.0

@@ -7,17 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..dynamics import contact_history as histories
-from ..dynamics.contact_history import ContactHistory
-from ..dynamics.implicit_rollout import FIRST_ROOM
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
 from ..scene.belief import Belief
-from ..scene.marks import whole
 from ..scene.physics_keys import INTEGRATORS
 from ..spatial.moments import symmetric_root
-from .base import Propagator, Traits
+from .base import Traits
 from .contact_kicks import TiltedNormals
-from .contact_steps import advanced
-from .implicit_surrogate import advance_solved_roots
+from .contact_steps import NominalWithBlocks
 from .options import option
 from .start import resolve_initial_overlap
 from .surrogate_contacts import advance_roots
@@ -36,18 +33,19 @@ class SurrogateCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Surrogate(Propagator):
+class Surrogate(NominalWithBlocks):
     """Square-root surrogate model, one body at a time (Eqs. 11 to 24).
 
     Notes
     -----
     The mean is a rollout with the full physics. The contact points of Eqs. 16 to 20 and 23 are the spheres'
     centres; all contacts of a step see the covariance after the drift. The environment's normals do not tilt:
-    its contacts move the mean alone. On exact shapes `contact_steps` says what acts, and `k_sigma` counts ten
-    times, because an impulse acts once.
+    its contacts move the mean alone. With the implicit integrator `contact_steps` says what acts, and
+    `k_sigma` counts ten times, because an impulse acts once.
     """
 
     name = "surrogate"
+    turns = 1
     traits = Traits("nominal", "square-root, per body", False, True, "surrogate")
     integrators = INTEGRATORS
 
@@ -61,26 +59,13 @@ class Surrogate(Propagator):
         mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
         return SurrogateCarry(mean[0], symmetric_root(belief.blocks), history, 0)
 
-    def advance_through(self, carry, scene, marks):
-        if scene.integrator != "contact":
-            return super().advance_through(carry, scene, marks)
-        method = TiltedNormals(self.k_sigma)
-        own = carry.mean, carry.roots, carry.contact_history
-        through = advanced(*own, method, scene, carry.step, marks, turns=1)
-        steps = [mark.fraction_of(scene.dt) for mark in marks]
-        return [SurrogateCarry(*at, 0)._replace(step=step) for at, step in zip(through, steps, strict=True)]
+    def contact_method(self):
+        return TiltedNormals(self.k_sigma)
 
-    def advance(self, carry, scene, steps):
-        if scene.integrator == "contact":
-            return self.advance_through(carry, scene, [whole(carry.step + steps, scene.dt)])[0]
+    def advance_explicit(self, carry, scene, steps):
         mean, roots, history = carry.mean.copy(), carry.roots.copy(), histories.copy(carry.contact_history)
-        world = scene.world
-        first, begun = history.first_time[0], carry.step
-        if world.implicit is None:
-            advance_roots(mean, roots, first, world, world.environment, begun, steps, self.k_sigma)
-        else:
-            source = roots, self.k_sigma
-            advance_solved_roots(mean, first, history.solver, 0, world, source, begun, steps, FIRST_ROOM)
+        world, first = scene.world, history.first_time[0]
+        advance_roots(mean, roots, first, world, world.environment, carry.step, steps, self.k_sigma)
         return SurrogateCarry(mean, roots, history, carry.step + steps)
 
     def belief(self, carry, scene):

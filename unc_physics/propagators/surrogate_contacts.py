@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..collision.narrow_phase import DISTANCE, NORMAL, VOLUME
 from ..compiler import inner, kernel
 from ..compiler.arrays import booleans, empty, zeros
-from ..dynamics.drift_derivative import apply_drift_jacobian, write_printed_rotation
-from ..dynamics.explicit_step import after_pair, before_drift, integrate, on_contacts
-from ..dynamics.workspace import workspace
+from ..physics.paper.drift_derivative import apply_drift_jacobian, write_printed_rotation
+from ..physics.paper.explicit_step import after_pair, before_drift, integrate, on_contacts
+from ..physics.paper.narrow_phase import DISTANCE, NORMAL, VOLUME
+from ..physics.paper.workspace import workspace
 from ..spatial.layout import EP, ER, ERROR, EV, EW
 from ..spatial.rotation import cross, rotate, rotate_back, tangents
 

@@ -37,7 +37,6 @@ from ..checks.errors import (
     UnknownModelError,
 )
 from ..checks.shown import printable
-from ..scene.body import shape_of
 from ..scene.scene_file import load_shape
 from ..scene.stiffness import AUTO
 from ..shapes.library import list_models
@@ -158,9 +157,9 @@ class ModelLibrary:
         self._shape.cache_clear()
 
     def prepare(self, name: str) -> SpherePacking:
-        """Read a model and build sphere trees of its usual numbers of spheres before the first request."""
+        """Read a model's usual numbers of spheres before the first request."""
         for meets in (True, False):
-            shape_of(self.shape(name, default=AUTO, meets=meets))
+            self.shape(name, default=AUTO, meets=meets)
         return self.shape(name)
 
 
@@ -283,7 +282,6 @@ class ShapePacker:
         if self._pieces[digest]:
             better: Future[SpherePacking] = Future()
             better.set_result(replace(packing, **self._pieces[digest]))
-            shape_of(better.result())
             with self._lock:
                 if key in self._packings:
                     self._packings[key] = better
@@ -436,7 +434,6 @@ def _pack(name, vertices, triangles, spheres):
         packing = pack_solid(solid, spheres, threads=1, **pieces)
     except ImportError as error:
         raise NotSupportedError(f"needs {error.name}, which the node lacks, to be packed") from None
-    shape_of(packing)
     return packing
 
 

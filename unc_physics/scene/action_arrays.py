@@ -1,10 +1,10 @@
-"""Convert the actions of bodies to arrays for the kernels (`dynamics.actions`)."""
+"""Convert the actions of bodies to arrays for the kernels (`physics.paper.actions`)."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..dynamics.actions import Actions, no_actions
+from ..physics.actions import Actions, no_actions
 
 #: Density of air at 20 degrees C and sea level [kg/m^3].
 AIR_DENSITY = 1.2

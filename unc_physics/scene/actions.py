@@ -11,7 +11,7 @@ import numpy as np
 from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidRequestError, LimitExceededError
 from ..checks.validation import FARTHEST, array, flag, non_negative, number, numbers, positive, quaternion
-from ..dynamics.actions import rotation_between
+from ..physics.actions import rotation_between
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 
 #: Limits of a path: number of poses, linear [m/s] and angular speed [rad/s], and turn between poses [rad]. A

@@ -7,7 +7,6 @@ import math
 import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -15,9 +14,7 @@ from ..checks.array_field import Array, MaybeArray, OptionalNumber, array_field
 from ..checks.errors import InvalidMassError, InvalidModelError, InvalidRequestError
 from ..checks.names import with_named_arguments
 from ..checks.validation import array, flag, instance, non_negative, number, numbers, positive
-from ..collision import sphere_tree
-from ..collision.faces import Faces, flat_faces
-from ..collision.hull import hull_spheres
+from ..physics.paper import sphere_tree
 from ..shapes.packing_file import SpherePacking, check_inertia
 from .actions import PosePath, Wrench, six_stds
 from .materials import Surface, check_surface
@@ -248,35 +245,20 @@ def _checked_inertia(value, reach, field):
 
 
 class CollisionShape:
-    """Spheres of a packing, their tree, and their hull and flat faces, which are computed when first needed.
+    """Spheres of a packing, and their tree (`physics.paper.sphere_tree.build`)."""
 
-    The tree is that of `collision.sphere_tree.build`. The solid's volume decides whether its faces are solid.
-    """
-
-    def __init__(self, centers: np.ndarray, radii: np.ndarray, volume: float):
+    def __init__(self, centers: np.ndarray, radii: np.ndarray):
         # writable copies: read-only arrays would compile every kernel again
         self.centers, self.radii = np.array(centers), np.array(radii)
         self.tree = sphere_tree.build(self.centers, self.radii)
-        self.volume = volume
-
-    @cached_property
-    def hull(self) -> np.ndarray:
-        """Spheres that can touch a plane (`collision.hull.hull_spheres`)."""
-        return hull_spheres(self.centers, self.radii)
-
-    @cached_property
-    def faces(self) -> Faces:
-        """Flat faces (`collision.faces.flat_faces`)."""
-        return flat_faces(self.centers, self.radii, self.hull, self.volume)
 
 
 def shape_of(model: SpherePacking) -> CollisionShape:
-    """Return the collision shape of a packing, which packings with the same spheres and volume share."""
+    """Return the collision shape of a packing, which packings with the same spheres share."""
     if model not in _shape_of:
-        volume = float(model.volume)
-        key = hashlib.sha256(model.centers.tobytes() + model.radii.tobytes() + volume.hex().encode()).digest()
+        key = hashlib.sha256(model.centers.tobytes() + model.radii.tobytes()).digest()
         shape = _shapes.get(key)
         if shape is None:
-            shape = _shapes[key] = CollisionShape(model.centers, model.radii, volume)
+            shape = _shapes[key] = CollisionShape(model.centers, model.radii)
         _shape_of[model] = shape
     return _shape_of[model]

@@ -6,23 +6,23 @@ import math
 import weakref
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..compiler.time_limit import limit_here
-from ..dynamics.actions import no_actions
-from ..dynamics.contact_history import ContactHistory
-from ..dynamics.implicit_rollout import Stops
-from ..dynamics.implicit_world import NEVER
+from ..physics.actions import no_actions
+from ..physics.contact_history import ContactHistory, InitialAdjustment
 from ..physics.everyday import columns as c
 from ..physics.everyday.rollouts import ContactMemory, EverydayWorld, Variation, fresh_memory, recorded
+from ..physics.stops import NEVER, Stops
 from ..shapes.columns import AXES, CENTER, HALF_EXTENT, KIND, LATHE, ORIGIN, RADIUS
 from ..shapes.pieces import PieceArrays, joined, piece_arrays
 from ..spatial.layout import ANGULAR_VELOCITY, QUATERNION, VELOCITY
 from ..spatial.rotation import exp_vectors, rotate_vectors, rotation_matrix
 from .environment import thing_names
 from .marks import Mark
+from .parameters import tilted_gravity
 from .scene import Scene
 
 _SAME_AXIS = 1e-9  # m, and of directions: round-off between lathes of one body
@@ -35,28 +35,13 @@ _worlds = weakref.WeakKeyDictionary()  # of scenes
 _pieces = weakref.WeakKeyDictionary()  # of models: their `PieceArrays`
 
 
-class ExactAdjustment(NamedTuple):
-    """What happened to N rollouts at time 0, as `dynamics.contact_history.InitialAdjustment`.
-
-    ``partner`` (N, B) is 1 + the number of the body, or from B on element, that the deepest kept overlap is
-    with; 0 without one.
-    """
-
-    overlap: np.ndarray
-    moved: np.ndarray
-    kept: np.ndarray
-    tilted: np.ndarray
-    unsettled: np.ndarray
-    partner: np.ndarray
-
-
 def everyday_world(scene: Scene) -> EverydayWorld:
     """Return the scene as the step's arrays, without uncertain parameters."""
     if scene not in _worlds:
         _worlds[scene] = _new_world(scene)
     limit = limit_here()
     return _worlds[scene]._replace(
-        dt=scene.dt, start=scene.world.start, stop=NEVER if limit is None else limit.flag
+        dt=scene.dt, start=scene.start, stop=NEVER if limit is None else limit.flag
     )
 
 
@@ -222,19 +207,6 @@ def _materials(scene):
     return found
 
 
-def tilted_gravity(gravity: np.ndarray, tilt: np.ndarray) -> np.ndarray:
-    """Return gravity (N, 3) turned about two perpendicular axes across it by ``tilt`` (N, 2) [rad]."""
-    size = np.linalg.norm(gravity)
-    if size == 0.0 or not tilt.any():
-        return np.repeat(gravity[None], len(tilt), axis=0)
-    down = gravity / size
-    first = np.cross(np.eye(3)[np.argmin(np.abs(down))], down)
-    first /= np.linalg.norm(first)
-    turn = tilt[:, :1] * first + tilt[:, 1:] * np.cross(down, first)
-    angle = np.linalg.norm(turn, axis=1, keepdims=True)
-    return size * (np.cos(angle) * down + np.sinc(angle / np.pi) * np.cross(turn, down))
-
-
 def _frames(scene, turns):
     """Return the frames (N, T, 12) of elements that tilt about their positions."""
     tilting = _tilting(scene)
@@ -267,7 +239,7 @@ def fresh_history(scene: Scene, count: int) -> ContactHistory:
     """Return the contact history of new rollouts."""
     bodies = len(scene.bodies)
     first = np.full((count, bodies, len(scene.surfaces)), np.inf, np.float32)
-    start: Any = ExactAdjustment(*(np.zeros((count, bodies), np.float32) for _ in ExactAdjustment._fields))
+    start = InitialAdjustment(*(np.zeros((count, bodies), np.float32) for _ in InitialAdjustment._fields))
     return ContactHistory(first, fresh_memory(count, bodies), start)
 
 
@@ -315,7 +287,7 @@ def depths_of_pairs(scene: Scene, states: np.ndarray) -> np.ndarray:
     history = fresh_history(scene, count)
     memory: Any = history.solver
     own = variation(scene, np.zeros((1, len(scene.uncertain))))
-    stops = Stops(np.ones(1, np.int64), np.zeros(1), np.zeros(1), np.ones(1))
+    stops = Stops(np.ones(1, np.int64), np.zeros(1))
     ((_, _, found),) = recorded(still, history.first_time, memory, world, own, 0, stops)
     depths = np.zeros(history.first_time.shape)
     n, a, b, rows = remembered(scene, found)
@@ -398,7 +370,7 @@ def settled_contacts(
     asleep, waiting, time = np.zeros((count, bodies), bool), np.arange(count), _FIRST_SETTLING
     memory: Any = fresh_memory(count, bodies)
     while len(waiting) and time <= _LONGEST_SETTLING:
-        stops = Stops(np.array([round(time / _SETTLING_STEP)]), np.zeros(1), np.zeros(1), np.zeros(1))
+        stops = Stops(np.array([round(time / _SETTLING_STEP)]), np.zeros(1))
         part = type(memory)(*(values[waiting] for values in memory))
         ((x, _, part),) = recorded(states[waiting], history.first_time[waiting], part, world, own, 0, stops)
         states[waiting] = x

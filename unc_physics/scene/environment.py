@@ -13,7 +13,7 @@ from ..checks.array_field import Array, OptionalArray, array_field
 from ..checks.errors import InvalidEnvironmentError, InvalidRequestError, LimitExceededError
 from ..checks.names import with_named_arguments
 from ..checks.validation import FARTHEST, array, non_negative, number, point, positive, quaternion
-from ..collision import shapes
+from ..physics.paper import solids
 from ..shapes.pieces import HalfSpace, Piece
 from ..shapes.primitive_models import SIZES, primitive_pieces
 from ..spatial.rotation import rotation_matrix
@@ -93,7 +93,7 @@ class Element(ElementAttributes, Surface):
     Attributes
     ----------
     shape : str
-        Name of the shape, one of `collision.shapes.KINDS`.
+        Name of the shape, one of `physics.paper.solids.KINDS`.
     name : str
         By default, shape and index in the scene identify the element.
     position : (3,) array
@@ -125,7 +125,7 @@ class Element(ElementAttributes, Surface):
     surface_center: OptionalArray = array_field(None)
 
     def __init_subclass__(cls):
-        if "shape" in vars(cls) and cls.shape in shapes.KINDS:
+        if "shape" in vars(cls) and cls.shape in solids.KINDS:
             ELEMENTS[cls.shape] = cls
 
     def __post_init__(self):
@@ -143,7 +143,7 @@ class Element(ElementAttributes, Surface):
     @property
     def kind(self) -> int:
         """Index of the shape."""
-        return shapes.KINDS[self.shape]
+        return solids.KINDS[self.shape]
 
     @property
     def rotation(self) -> np.ndarray:
@@ -165,7 +165,7 @@ class Element(ElementAttributes, Surface):
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner, each (3,), in the element's frame [m]; infinite where unbounded."""
-        low, high = shapes.bounds(*self._row(), 0)
+        low, high = solids.bounds(*self._row(), 0)
         return np.array(low), np.array(high)
 
     @property
@@ -183,7 +183,7 @@ class Element(ElementAttributes, Surface):
         """
         (low, high), R = self.bounds, self.rotation
         far = np.ascontiguousarray(_FAR * np.linalg.norm(high - low) * (directions @ R))
-        distance, normal = shapes.surfaces(*self._row(), 0, far)
+        distance, normal = solids.surfaces(*self._row(), 0, far)
         return (far - distance[:, None] * normal) @ R.T + self.position
 
     def surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -200,7 +200,7 @@ class Element(ElementAttributes, Surface):
         """
         points, R = np.asarray(points, float), self.rotation
         local = np.ascontiguousarray(((points - self.position) @ R).reshape(-1, 3))
-        distance, normal = shapes.surfaces(*self._row(), 0, local)
+        distance, normal = solids.surfaces(*self._row(), 0, local)
         return distance.reshape(points.shape[:-1]), (normal @ R.T).reshape(points.shape)
 
     def _row(self):
@@ -397,7 +397,7 @@ def thing_names(scene) -> list[str]:
 
 def check_element(element, field) -> None:
     """Raise `InvalidEnvironmentError` unless ``element`` has a shape that the kernels support."""
-    if not isinstance(element, Element) or getattr(element, "shape", None) not in shapes.KINDS:
+    if not isinstance(element, Element) or getattr(element, "shape", None) not in solids.KINDS:
         known = ", ".join(kind.__name__ for kind in ELEMENTS.values())
         raise InvalidEnvironmentError(f"must be one of {known}", field=field, value=element)
 

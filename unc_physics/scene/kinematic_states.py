@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..dynamics.actions import Actions, carry_along, states_on_path
+from ..physics.actions import Actions, carry_along, states_on_path
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,

@@ -28,13 +28,15 @@ _EXPLICIT = {
     "impact_friction_std": 0.0,
     "surface_tilt_std": 0.0,
     "torsional_friction": 0.0,
+    "rolling_friction": 0.0,
+    "pairs": (),
     "attached_to": None,
     "overlap": "keep",
 }
 #: Standard deviation of a surface over that of a contact of two such surfaces, as a contact has their mean.
 SURFACE_OF_CONTACT = math.sqrt(2.0)
 #: Restitution of each integrator if none is given.
-DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0, "contact": 0.0}
+DEFAULT_RESTITUTION = {"explicit": 1.0, "implicit": 0.0}
 
 
 class Materials(NamedTuple):
@@ -68,8 +70,8 @@ class Surface:
         one given. Needs the implicit integrator.
     rolling_friction : float, optional
         Largest moment against rolling per normal force [m]; None takes the scene's. A contact has the
-        geometric mean of its partners' values. Acts where one of the surfaces is round. Needs the integrator
-        ``contact``.
+        geometric mean of its partners' values. Acts where one of the surfaces is round. Needs the implicit
+        integrator.
     material : str, optional
         Name in `material_table.MATERIALS`. Its friction and restitution, with their standard deviations,
         replace those that are not given. The table's standard deviations are those of a contact of two such
@@ -130,7 +132,7 @@ def refuse_with_explicit(thing, place="") -> None:
     for name, own in _EXPLICIT.items():
         value = getattr(thing, name, None)
         if value is not None and value != own:
-            only = f"{own:g}" if isinstance(own, float) else str(own).lower()
+            only = f"{own:g}" if isinstance(own, float) else str(own).lower() if own != () else "empty"
             raise InvalidOptionError(
                 "needs 'integrator: implicit', which the preset 'everyday' has ('physics: everyday' in a"
                 f" file); with 'explicit' it must be {only} or absent",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..checks.errors import DuplicateIdError, InvalidOptionError, InvalidRequestError
+from ..checks.errors import DuplicateIdError, InvalidRequestError
 from ..checks.names import hint
 from ..checks.shown import shown
 from ..checks.validation import non_negative, share
@@ -102,21 +102,6 @@ def _checked(entry, field, bodies, elements):
     if not given:
         raise InvalidRequestError(f"must have one of {', '.join(_CHECKS)}", field=field)
     return PairMaterial((between[0], between[1]), **given)
-
-
-def refuse_without_exact_shapes(scene: Any) -> None:
-    """Raise `InvalidOptionError` if a scene has pairs or rolling friction, which only one step supports."""
-    problem = "needs 'integrator: contact', the step over exact shapes"
-    if scene.pairs:
-        raise InvalidOptionError(problem, field="pairs", value=[list(pair.between) for pair in scene.pairs])
-    if scene.rolling_friction:
-        raise InvalidOptionError(problem, field="rolling_friction", value=scene.rolling_friction)
-    for kind in ("bodies", "environment"):
-        for k, surface in enumerate(getattr(scene, kind)):
-            if surface.rolling_friction:
-                raise InvalidOptionError(
-                    problem, field=f"{kind}[{k}].rolling_friction", value=surface.rolling_friction
-                )
 
 
 def pairs_among(pairs: Iterable[PairMaterial], names: Iterable[str]) -> tuple[PairMaterial, ...]:

@@ -1,4 +1,4 @@
-"""Rollouts of scenes with uncertain parameters: each sample or sigma point has its own `World`."""
+"""Explicit rollouts of scenes with uncertain parameters: each sample or sigma point has its own `World`."""
 
 from __future__ import annotations
 
@@ -6,25 +6,21 @@ import weakref
 
 import numpy as np
 
-from ..collision.hull import hull_columns
 from ..compiler.threads import in_threads
-from ..compiler.time_limit import limit_here, limited
-from ..dynamics import contact_history as histories
-from ..dynamics.contact_history import ContactHistory
-from ..dynamics.implicit_rollout import Stops
-from ..dynamics.rollout import advance, new_records, read_records, record
-from ..dynamics.world import World
+from ..compiler.time_limit import limit_here
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
+from ..physics.paper.rollout import advance, new_records, read_records, record
+from ..physics.paper.world import World
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from ..spatial.rotation import exp, rotate_vectors, rotation_matrix
+from ..spatial.rotation import rotate_vectors
 from .body import shape_of
 from .kinematic_states import vary_actions
-from .materials import Materials, varied
 from .scene import Scene
 
 _KEPT, _KEPT_WITH_PACKINGS = 32_768, 1024  # worlds; a centre of mass that is uncertain gives each a packing
 _FIRST_PART = 2  # samples; each is a separate call and may take many steps
 _worlds_of = weakref.WeakKeyDictionary()  # of each computation: by scenes, the last parameters and worlds
-_changes_of = weakref.WeakKeyDictionary()  # of each scene: `_material_changes`
 _SINGLE = 4.0 * np.finfo(np.float32).eps  # bounds the rounding of a shift, relative to the body's size
 
 
@@ -46,26 +42,24 @@ def vary(scene: Scene, z: np.ndarray) -> World:
     body frame.
     """
     world = scene.world
-    stiffness, tilt, element_tilts = world.stiffness, np.zeros(2), {}
+    stiffness, tilt = world.stiffness, np.zeros(2)
     for parameter, value in zip(scene.uncertain, z, strict=True):
         if parameter.name == "stiffness":
             stiffness = float(stiffness * np.exp(value * parameter.std / stiffness))
         elif parameter.name == "gravity_direction":
             tilt[parameter.axis] = value * parameter.std
-        elif parameter.name == "surface_tilt":
-            element = parameter.body - len(scene.bodies)
-            element_tilts.setdefault(element, np.zeros(3))[parameter.axis] = value * parameter.std
-    tree, radius = world.tree, world.bodies.radius
+    tree, radius, environment = world.tree, world.bodies.radius, world.environment
     offsets = center_offsets(scene, z[None])[0]
     if len(offsets):
         tree, radius = _shifted_trees(scene, offsets)
+    if environment is not None and scene.acts:
+        environment = environment._replace(actions=vary_actions(scene, environment.actions, z))
     return world._replace(
         bodies=_varied_bodies(scene, z, radius),
         tree=tree,
-        gravity=_tilted(world.gravity, tilt) if tilt.any() else world.gravity,
+        gravity=tilted_gravity(world.gravity, tilt[None])[0],
         stiffness=stiffness,
-        environment=_varied_environment(scene, z, element_tilts),
-        implicit=_varied_implicit(scene, z, tree, offsets),
+        environment=environment,
     )
 
 
@@ -91,69 +85,10 @@ def _varied_bodies(scene, z, radius):
     return own if radius is own.radius else own._replace(radius=radius)
 
 
-def _varied_implicit(scene, z, tree, offsets):
-    """Return the constants of the implicit step with varied materials and shifted hulls."""
-    implicit = scene.world.implicit
-    if implicit is None:
-        return None
-    friction, restitution = vary_materials(scene, z)
-    implicit = implicit._replace(friction=friction, restitution=restitution)
-    if len(offsets):
-        shift = np.concatenate([offsets, np.zeros_like(offsets)], axis=1)
-        hull = hull_columns(tree.centers, tree.radii, implicit.hull_sphere)
-        implicit = implicit._replace(hull=hull, extent=implicit.extent - shift, box=implicit.box - shift)
-    return implicit
-
-
-def _varied_environment(scene, z, element_tilts):
-    """Return the environment with tilted elements and varied actions."""
-    environment = scene.world.environment
-    if environment is None:
-        return None
-    if element_tilts:
-        R = environment.R.copy()
-        for e, turn in element_tilts.items():
-            R[e] = R[e] @ rotation_matrix(np.array(exp(*turn)))
-        environment = environment._replace(R=R)
-    if scene.acts:
-        environment = environment._replace(actions=vary_actions(scene, environment.actions, z))
-    return environment
-
-
-def vary_materials(scene: Scene, z: np.ndarray) -> Materials:
-    """Return the scene's materials with each parameter shifted by ``z`` (K,) standard deviations.
-
-    The scene's own parameters apply to all surfaces without their own values.
-    """
-    found = Materials(*(values.copy() for values in scene.materials))
-    for c, name, places, value in _material_changes(scene):
-        getattr(found, name)[places] = varied(name, value, scene.uncertain[c].std, z[c])
-    return found
-
-
-def _material_changes(scene):
-    """Return index, name, surfaces and value of each of the scene's uncertain materials."""
-    if scene in _changes_of:
-        return _changes_of[scene]
-    found = []
-    for c, parameter in enumerate(scene.uncertain):
-        name, k = parameter.name, parameter.body
-        if name not in Materials._fields:
-            continue
-        if k < 0:
-            surfaces = enumerate(scene.surfaces)
-            owner, places = scene, [j for j, surface in surfaces if getattr(surface, name) is None]
-        else:
-            owner, places = scene.surfaces[k], [k]
-        found.append((c, name, places, getattr(owner, name)))
-    _changes_of[scene] = found
-    return found
-
-
 def rollout_varied(
     states: np.ndarray, contact_history: ContactHistory, scene: Scene, z: np.ndarray, begin: int, steps: int
 ) -> None:
-    """Advance a batch as in `dynamics.rollout.rollout`, with state n in the world of ``z[n]``."""
+    """Advance a batch as in `physics.paper.rollout.rollout`, with state n in the world of ``z[n]``."""
 
     def one(own, world):
         advance(states[own], histories.samples(contact_history, own), world, begin, steps)
@@ -162,29 +97,33 @@ def rollout_varied(
 
 
 def recorded_varied(
-    states: np.ndarray, contact_history: ContactHistory, scene: Scene, z: np.ndarray, begin: int, stops: Stops
+    states: np.ndarray,
+    contact_history: ContactHistory,
+    scene: Scene,
+    z: np.ndarray,
+    begin: int,
+    steps: np.ndarray,
 ) -> list[tuple[np.ndarray, ContactHistory]]:
-    """Return states and histories at stops as in `dynamics.rollout.recorded`, likewise."""
-    records = new_records(states, contact_history, stops)
+    """Return states and histories after numbers of ``steps`` as `rollout.recorded` does, likewise."""
+    records = new_records(states, contact_history, steps)
 
     def one(own, world):
         some = histories.samples(contact_history, own)
-        record(states[own], some, world, begin, stops, records, own.start)
+        record(states[own], some, world, begin, steps, records, own.start)
 
     _in_own_worlds(scene, z, one)
-    return read_records(records, contact_history)
+    return read_records(records, contact_history, len(steps))
 
 
 def _in_own_worlds(scene, z, call):
     """Call a function with the slice of each rollout and with its world."""
-    limit = limit_here()
-    worlds = _worlds(scene, z, limit)
+    worlds = _worlds(scene, z)
 
     def run(some):
         for n in range(some.start, some.stop):
             world = worlds.get(n)
             if world is None:
-                world = limited(vary(scene, z[n]), limit)
+                world = vary(scene, z[n])
                 if len(z) <= most:
                     worlds[n] = world
             call(slice(n, n + 1), world)
@@ -193,12 +132,13 @@ def _in_own_worlds(scene, z, call):
     in_threads(len(z), run, _FIRST_PART)
 
 
-def _worlds(scene, z, computation) -> dict[int, World]:
+def _worlds(scene, z) -> dict[int, World]:
     """Return the cache of worlds of parameters ``z`` (N, K), which lasts as long as a computation.
 
     A computation with a time limit calls every few steps. Building the worlds would take longer than these
     steps.
     """
+    computation = limit_here()
     if computation is None:
         return {}
     kept = _worlds_of.setdefault(computation, weakref.WeakKeyDictionary())
@@ -230,16 +170,17 @@ def moved_along(states: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     return moved
 
 
-def _tilted(gravity, tilt):
-    """Return gravity rotated about two perpendicular axes by the angles ``tilt`` (2,) [rad]."""
+def tilted_gravity(gravity: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    """Return gravity (N, 3) turned about two perpendicular axes across it by ``tilt`` (N, 2) [rad]."""
     size = np.linalg.norm(gravity)
+    if size == 0.0 or not tilt.any():
+        return np.repeat(gravity[None], len(tilt), axis=0)
     down = gravity / size
     first = np.cross(np.eye(3)[np.argmin(np.abs(down))], down)
     first /= np.linalg.norm(first)
-    turn = tilt[0] * first + tilt[1] * np.cross(down, first)
-    angle = np.linalg.norm(turn)
-    share = np.sin(angle) / angle if angle > 0.0 else 1.0
-    return size * (np.cos(angle) * down + share * np.cross(turn, down))
+    turn = tilt[:, :1] * first + tilt[:, 1:] * np.cross(down, first)
+    angle = np.linalg.norm(turn, axis=1, keepdims=True)
+    return size * (np.cos(angle) * down + np.sinc(angle / np.pi) * np.cross(turn, down))
 
 
 def _shifted_trees(scene, offsets):

@@ -10,9 +10,8 @@ from ..checks.errors import InvalidHorizonError, InvalidOptionError, LimitExceed
 from ..checks.names import one_of
 from ..checks.validation import array, flag, non_negative, positive, share
 
-#: Integrators: the paper's explicit step, implicit contacts of spheres, or contacts of exact shapes; friction
-#: and resting bodies need one of the last two.
-INTEGRATORS = ("explicit", "implicit", "contact")
+#: Integrators: the paper's explicit step of spheres, and the one of exact shapes that friction and rest need.
+INTEGRATORS = ("explicit", "implicit")
 _SUCCESSORS = {"robust": "implicit"}
 #: Treatments of initial overlap.
 OVERLAPS = ("project", "reject", "keep")
@@ -77,9 +76,8 @@ PHYSICS_KEYS = {
     "dt": PhysicsKey(_time_step, "Time step [s]."),
     "stiffness": PhysicsKey(
         non_negative,
-        "Stiffness of contacts, force per overlap volume [N/m^3], at least 0; 'auto': at which no body sinks"
-        " in by more than 0.1 mm where it rests ('implicit'), or presses deeper into another than 5 % of its"
-        " largest sphere's radius ('explicit').",
+        "Stiffness of contacts, force per overlap volume [N/m^3], at least 0, with 'explicit' only; 'auto':"
+        " at which no body presses deeper into another than 5 % of its largest sphere's radius.",
     ),
     "damping": PhysicsKey(non_negative, "Decay rate of all velocities [1/s].", law=True),
     "friction": PhysicsKey(
@@ -93,7 +91,7 @@ PHYSICS_KEYS = {
     "rolling_friction": PhysicsKey(
         non_negative,
         "Rolling friction of all contacts: largest moment against rolling per normal force [m]; needs"
-        " 'contact'.",
+        " 'implicit'.",
         law=True,
     ),
     "impact_friction_speed": PhysicsKey(
@@ -133,8 +131,8 @@ PHYSICS_KEYS = {
     "gravity": PhysicsKey(_gravity, "Gravity in the world frame, 3 numbers [m/s^2].", law=True, size=3),
     "integrator": PhysicsKey(
         check_integrator,
-        "How steps are taken: as in the paper ('explicit'), or with contacts that are solved for, with"
-        " friction and rest, between spheres ('implicit') or exact shapes ('contact').",
+        "How steps are taken: as in the paper, with penalty forces of spheres ('explicit'), or with contacts"
+        " of exact shapes that are solved for, with friction and rest ('implicit').",
     ),
     "overlap": PhysicsKey(
         partial(_one_of, OVERLAPS), f"What becomes of overlap at the start: {', '.join(OVERLAPS)}."

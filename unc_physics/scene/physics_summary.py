@@ -17,15 +17,13 @@ def physics_of(scene: Scene) -> dict[str, Any]:
 
     ``friction`` and ``restitution`` apply to all surfaces without their own values. ``friction_of`` and
     ``restitution_of`` list surfaces with their own values by name, and ``pairs`` those of pairs, if any.
-    Uncertain parameters of the scene include their standard deviations. The stiffness is absent until it is
-    chosen.
+    Uncertain parameters of the scene include their standard deviations.
     """
     instance(scene, Scene, "scene")
     restitution = DEFAULT_RESTITUTION[scene.integrator] if scene.restitution is None else scene.restitution
     found = {
         "integrator": scene.integrator,
         "dt": scene.dt,
-        "stiffness": scene.stiffness,
         "damping": scene.damping,
         "gravity": scene.gravity.tolist(),
         "gyroscopic": scene.gyroscopic,
@@ -34,7 +32,9 @@ def physics_of(scene: Scene) -> dict[str, Any]:
         "sleep": scene.sleep,
         "overlap": scene.overlap,
     }
-    if scene.integrator == "contact":
+    if scene.integrator == "explicit":
+        found["stiffness"] = scene.stiffness
+    else:
         found["rolling_friction"] = scene.rolling_friction or 0.0
     for key in (*Materials._fields, "rolling_friction"):
         own = {
@@ -61,10 +61,8 @@ def physics_as_text(scene: Scene) -> str:
     """Return the physics of a scene in one line, as 'implicit, dt 0.0041667 s, ...'."""
     physics = physics_of(scene)
     parts = [physics["integrator"], f"dt {physics['dt']:.5g} s"]
-    if scene.integrator != "contact":
-        parts.append(
-            "stiffness auto" if scene.stiffness is None else f"stiffness {scene.stiffness:.3g} N/m^3"
-        )
+    if scene.stiffness is not None:
+        parts.append(f"stiffness {scene.stiffness:.3g} N/m^3")
     if any(physics["gravity"]):
         parts.append(f"gravity ({', '.join(f'{g:g}' for g in physics['gravity'])}) m/s^2")
     if physics["damping"]:
@@ -78,7 +76,7 @@ def physics_as_text(scene: Scene) -> str:
     if scene.rolling_friction:
         parts.append(f"rolling friction {scene.rolling_friction * 1e3:g} mm")
     if scene.pairs:
-        parts.append(f"{len(scene.pairs)} pairs with their own")
+        parts.append(f"pairs {', '.join(' and '.join(pair.between) for pair in scene.pairs)}")
     if scene.integrator == "implicit" and scene.overlap != "project":
         parts.append(f"overlap {scene.overlap}")
     return ", ".join(parts + [key for key in ("gyroscopic", "sleep") if physics[key]])

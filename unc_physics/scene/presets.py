@@ -23,10 +23,9 @@ PRESETS = {
         "impact_direction_std": 0.03,  # rad
         "impact_point_std": 0.005,  # m
         "impact_friction_std": 0.1,
+        "rolling_friction": 1e-4,  # m, of hard household objects
     },
 }
-#: What ``everyday`` has besides with the integrator ``contact``, where impacts have errors.
-_OF_EXACT_SHAPES = {"rolling_friction": 1e-4}  # m, of hard household objects
 #: ``PRESETS`` with the key ``exact``: one friction and one restitution, and impacts without errors.
 EXACT_PRESETS = PRESETS | {"everyday": _EVERYDAY | {"friction": 0.5, "restitution": 0.1}}
 
@@ -44,7 +43,8 @@ def with_changes(physics: dict, given: dict) -> dict:
     """Return arguments of `Scene`: ``physics`` overridden by ``given``; None disables a law.
 
     A given friction or restitution is exact unless its standard deviation is given, too. A change from
-    implicit to explicit drops what explicit lacks and nobody asked for: sleep, and errors of contacts.
+    implicit to explicit drops what explicit lacks and nobody asked for: sleep, rolling friction, and errors
+    of contacts.
     """
     if "gravity" in given and given["gravity"] is None:
         given = given | {"gravity": (0.0, 0.0, 0.0)}  # `Scene` distinguishes this from a missing entry
@@ -52,8 +52,6 @@ def with_changes(physics: dict, given: dict) -> dict:
     overrides = {key: value for key, value in given.items() if value is not None or key in laws}
     replaced = {f"{key}_std" for key in ("friction", "restitution") if key in overrides}
     if overrides.get("integrator") == "explicit" and physics.get("integrator") == "implicit":
-        replaced |= {"sleep", *filter(_is_uncertain, physics)}
+        replaced |= {"sleep", "rolling_friction", *filter(_is_uncertain, physics)}
     physics = {key: value for key, value in physics.items() if key not in replaced} | overrides
-    if physics.get("integrator") == "contact" and physics.get("impact_friction_std"):
-        physics = _OF_EXACT_SHAPES | physics
     return {key: value for key, value in physics.items() if value is not None}

@@ -22,13 +22,10 @@ from ..checks.errors import (
 from ..checks.names import hint, with_named_arguments
 from ..checks.shown import shown
 from ..checks.validation import flag
-from ..collision import sphere_tree
-from ..collision.faces import of_scene
-from ..collision.hull import hull_columns
-from ..dynamics.actions import Actions
-from ..dynamics.implicit_rollout import Stops
-from ..dynamics.implicit_world import ImpactError, Implicit, rest_steps
-from ..dynamics.world import Bodies, Environment, World
+from ..physics.actions import Actions
+from ..physics.paper import sphere_tree
+from ..physics.paper.world import Bodies, Environment, World
+from ..physics.stops import Stops
 from .action_arrays import actions_of
 from .body import RigidBody, shape_of
 from .environment import Element, check_element, check_not_reserved, element_names
@@ -42,7 +39,7 @@ from .materials import (
     combined,
     refuse_with_explicit,
 )
-from .pairs import PairMaterial, checked_pairs, refuse_without_exact_shapes
+from .pairs import PairMaterial, checked_pairs
 from .physics_keys import PHYSICS_KEYS, check_integrator
 from .presets import EXACT_PRESETS, PRESETS, with_changes
 
@@ -61,7 +58,7 @@ UNCERTAIN_PARAMETERS = (
 IMPACT_STDS = ("impact_direction_std", "impact_point_std", "impact_friction_std")
 
 #: Default treatment of initial overlap.
-DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep", "contact": "project"}
+DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep"}
 #: Default kappa of explicit scenes [N/m^3].
 STIFFNESS = 1e4
 
@@ -86,9 +83,8 @@ class Scene:
     dt : float
         Time step [s].
     stiffness : float, optional
-        kappa of the penalty force [N/m^3] (the paper's Eq. 4). None means `STIFFNESS` with the explicit
-        integrator. With the implicit one, a prediction chooses it from the belief
-        (`stiffness.with_stiffness`).
+        kappa of the penalty force [N/m^3] (the paper's Eq. 4), by default `STIFFNESS`. The implicit
+        integrator has none: its contacts are rigid.
     damping : float
         Decay rate of all velocities [1/s].
     gravity : (3,) array, optional
@@ -104,12 +100,11 @@ class Scene:
         with the explicit integrator, whose contacts are elastic.
     rolling_friction : float, optional
         Largest moment against rolling per normal force [m] of all bodies and elements without their own. None
-        means 0. Needs the integrator ``contact``.
+        means 0. Needs the implicit integrator.
     gyroscopic : bool
         Whether rotation conserves angular momentum, instead of angular velocity as in the paper.
-    integrator : {'explicit', 'implicit', 'contact'}
-        The paper's step, or a step with implicit lasting contacts and impacts as events: between spheres, or
-        between exact shapes.
+    integrator : {'explicit', 'implicit'}
+        The paper's step of spheres with penalty forces, or a step of exact shapes that solves for contacts.
     stiffness_std, friction_std : float
         Standard deviations, in the parameter's unit. With z standard normal, the parameter is ``m exp(z std /
         m)``; its value m must be positive.
@@ -135,7 +130,7 @@ class Scene:
         which supports nothing else, and ``project`` with others.
     pairs : tuple of PairMaterial
         Friction and restitution between two things, in place of the means of their own; as mappings, like
-        ``{"between": ["mug", "tray"], "friction": 0.3}``. Needs the integrator ``contact``.
+        ``{"between": ["mug", "tray"], "friction": 0.3}``. Needs the implicit integrator.
 
     Raises
     ------
@@ -193,12 +188,12 @@ class Scene:
         pairs = checked_pairs(self.pairs, names, element_names(self.environment))
         object.__setattr__(self, "pairs", pairs)
         names_gravity = self.gravity is not None
-        if self.integrator == "contact":
-            self._refuse_what_contact_lacks()
+        if not explicit:
+            self._refuse_stiffness()
         chosen = {
             "gravity": np.zeros(3),
             "overlap": DEFAULT_OVERLAP[self.integrator],
-            "stiffness": {"explicit": STIFFNESS, "implicit": None, "contact": 0.0}[self.integrator],
+            "stiffness": STIFFNESS if explicit else None,
         }
         for spec in fields(self):
             if spec.name in PHYSICS_KEYS:
@@ -212,13 +207,11 @@ class Scene:
         if explicit:
             self._refuse_what_needs_implicit()
             self._refuse_moving_surfaces()
-        if self.integrator != "contact":
-            refuse_without_exact_shapes(self)
         if not names_gravity:
             self._check_needs_no_gravity()
         self._check_attachments(names)
         self._check_at_rest()
-        self._check_std("stiffness", self.stiffness, "a stiffness that is given")
+        self._check_std("stiffness", self.stiffness, "a stiffness above 0")
         self._check_std("gravity_direction", math.pi if self.gravity.any() else 0.0, "gravity")
 
     def _refuse_what_needs_implicit(self):
@@ -228,14 +221,16 @@ class Scene:
             for k, thing in enumerate(things):
                 refuse_with_explicit(thing, f"{kind}[{k}].")
 
-    def _refuse_what_contact_lacks(self):
-        """Raise `InvalidOptionError` if an option is set that the step over exact shapes does not support."""
-        if self.stiffness not in (None, 0.0):
-            raise InvalidOptionError(
-                "must be absent with 'integrator: contact', whose contacts are rigid",
-                field="stiffness",
-                value=self.stiffness,
-            )
+    def _refuse_stiffness(self):
+        """Raise `InvalidOptionError` if the implicit integrator is given a stiffness."""
+        for field, absent in (("stiffness", None), ("stiffness_std", 0.0)):
+            if getattr(self, field) != absent:
+                raise InvalidOptionError(
+                    "must be absent with 'integrator: implicit', whose contacts are rigid; the paper's"
+                    " 'explicit' has it",
+                    field=field,
+                    value=getattr(self, field),
+                )
 
     def _refuse_moving_surfaces(self):
         for k, element in enumerate(self.environment):
@@ -349,9 +344,8 @@ class Scene:
             if getattr(self, field) and self._uses(field.removesuffix("_std"))
             for axis in range(2 if field == "gravity_direction_std" else 1)
         ]
-        own = self.integrator == "contact"  # each surface has a draw of its own
-        if own:
-            found = [parameter for parameter in found if parameter.name not in Materials._fields]
+        # each surface has a draw of its own
+        found = [parameter for parameter in found if parameter.name not in Materials._fields]
         for k in self.moving.tolist():
             body = self.bodies[k]
             if body.mass_std:
@@ -370,22 +364,20 @@ class Scene:
                 if std
             ]
         for k, surface in enumerate(self.surfaces if self.has_partners else ()):
-            stds = {name: getattr(surface, f"{name}_std") for name in Materials._fields}
-            if own:
-                stds = {name: self._own_std(surface, name, std) for name, std in stds.items()}
+            stds = {name: self._own_std(surface, name) for name in Materials._fields}
             found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
             tilt = getattr(surface, "surface_tilt_std", 0.0)
             found += [UncertainParameter("surface_tilt", k, axis, tilt) for axis in range(2) if tilt]
         return tuple(found)
 
-    def _own_std(self, surface, name, std):
+    def _own_std(self, surface, name):
         """Return the standard deviation of a surface's draw: its own, or one that gives contacts the scene's.
 
         A contact has the mean of two independent draws.
         """
         if getattr(surface, name) is None:
             return SURFACE_OF_CONTACT * getattr(self, f"{name}_std")
-        return std
+        return getattr(surface, f"{name}_std")
 
     @property
     def has_partners(self) -> bool:
@@ -415,12 +407,8 @@ class Scene:
 
     @cached_property
     def world(self) -> World:
-        """The scene as the kernels' arrays; an `InvalidRequestError` if the stiffness is not chosen yet."""
-        if self.stiffness is None:
-            raise InvalidRequestError(
-                "is chosen when a prediction begins; give one, or take stiffness.with_stiffness",
-                field="stiffness",
-            )
+        """The scene as the arrays of the explicit step's kernels."""
+        assert self.stiffness is not None  # of scenes with the explicit integrator
         shifted = {parameter.body for parameter in self.uncertain if parameter.name == "center_of_mass"}
         # bodies of one shape share a tree, except those with an uncertain centre of mass
         owners = [(shape_of(body.model), k if k in shifted else -1) for k, body in enumerate(self.bodies)]
@@ -457,13 +445,28 @@ class Scene:
             tree,
             np.array(self.gravity),
             self.dt,
-            0.0,
-            math.exp(-self.damping * self.dt),
+            self.decay,
             self.stiffness,
             stack_size,
             environment=self._environment(),
-            implicit=self._implicit(tree, shapes, [own.index(owner) for owner in owners], spheres),
         )
+
+    @cached_property
+    def start(self) -> float:
+        """Time at which step 0 would begin [s]; nonzero only in a `with_short_step`."""
+        return 0.0
+
+    @cached_property
+    def decay(self) -> float:
+        """Factor on all velocities in a step."""
+        return math.exp(-self.damping * self.dt)
+
+    @cached_property
+    def radii(self) -> np.ndarray:
+        """Radius of a ball about each body's centre of mass that contains it, (B,) [m]."""
+        if self.integrator == "explicit":
+            return self.world.bodies.radius
+        return np.array([body.model.bounding_radius for body in self.bodies])
 
     def with_short_step(self, steps: int, rest: float) -> Scene:
         """Return the scene with a next step of only ``rest`` seconds, after ``steps`` whole steps.
@@ -472,24 +475,23 @@ class Scene:
         """
         short = copy(self)
         object.__setattr__(short, "dt", rest)
-        short.__dict__["world"] = self.world._replace(
-            dt=rest, start=steps * (self.dt - rest), decay=math.exp(-self.damping * rest)
-        )
+        for computed in ("world", "decay"):
+            short.__dict__.pop(computed, None)
+        short.__dict__["start"] = steps * (self.dt - rest)
         return short
 
     def stops(self, begin: int, marks: Sequence[Mark]) -> Stops:
         """Return the stops of rollouts that have done ``begin`` steps, at marks that are ascending."""
-        rest = np.array([mark.rest for mark in marks])
         steps = np.array([mark.steps for mark in marks], np.int64)
-        return Stops(steps - begin, rest, steps * (self.dt - rest), np.exp(-self.damping * rest))
+        return Stops(steps - begin, np.array([mark.rest for mark in marks]))
 
     def _environment(self) -> Environment | None:
         """Return environment, actions and gyroscopic term; None if there are none.
 
-        With None, the explicit kernels compile without them.
+        With None, the kernels compile without them.
         """
         elements = self.environment
-        if not (elements or self.gyroscopic or self.integrator != "explicit" or self.acts):
+        if not (elements or self.gyroscopic or self.acts):
             return None
         return Environment(
             kind=np.array([element.kind for element in elements], np.int64),
@@ -499,46 +501,6 @@ class Scene:
             gyroscopic=bool(self.gyroscopic),
             actions=self.actions,
         )
-
-    def _implicit(self, tree, shapes, index_of, first_sphere) -> Implicit | None:
-        """Return the additional data of the implicit step; None for the explicit one.
-
-        ``shapes`` are the shapes in the tree, ``index_of`` the index of each body's shape, and
-        ``first_sphere`` the first sphere of each shape.
-        """
-        if self.integrator != "implicit":
-            return None
-        hulls = [shape.hull for shape in shapes]
-        ends = np.cumsum([0, *map(len, hulls)])
-        some = np.concatenate([hull + first for hull, first in zip(hulls, first_sphere[:-1], strict=True)])
-        reach = [shape.radii[:, None] for shape in shapes]
-        last_face = np.cumsum([0, *(len(shape.faces.sphere) for shape in shapes)])
-        given = [surface.torsional_friction for surface in self.surfaces]
-        torsion = np.array([-1.0 if value is None else value for value in given])
-        return Implicit(
-            friction=self.materials.friction.copy(),
-            restitution=self.materials.restitution.copy(),
-            torsion=torsion,
-            torsional=bool((torsion > 0.0).any()),
-            hull=hull_columns(tree.centers, tree.radii, some),
-            hull_sphere=some,
-            hull_range=np.column_stack([ends[:-1], ends[1:]])[index_of],
-            faces=of_scene([shape.faces for shape in shapes], first_sphere[:-1]),
-            face_range=np.column_stack([last_face[:-1], last_face[1:]])[index_of],
-            extent=np.array([_box(shape.centers, shape.centers) for shape in shapes])[index_of],
-            box=np.array([_box(s.centers - r, s.centers + r) for s, r in zip(shapes, reach, strict=True)])[
-                index_of
-            ],
-            rest_steps=rest_steps(self.dt) if self.sleep else 0,
-            impact_error=ImpactError(*(getattr(self, name) for name in IMPACT_STDS)),
-            impact_slipperiness=1.0 / (self.impact_friction_speed or math.inf),
-        )
-
-
-def _box(low, high):
-    """Return centre and half the sides (6,) of the box from the least ``low`` to the greatest ``high``."""
-    low, high = low.min(axis=0), high.max(axis=0)
-    return np.concatenate([0.5 * (low + high), 0.5 * (high - low)])
 
 
 def _not_a_list(kinds, value, instead):

@@ -151,9 +151,8 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     if not isinstance(bodies, list):
         raise InvalidRequestError("must be a list", field="bodies", value=bodies)
     options, environment = physics_options(content), _environment(content.get("environment"))
-    spheres = AUTO if content.get(PRESET) == "everyday" else None
     meets = may_meet(len(bodies), environment)
-    read = [_body(body, f"bodies[{k}]", models_dir, folder, spheres, meets) for k, body in enumerate(bodies)]
+    read = [_body(body, f"bodies[{k}]", models_dir, folder, None, meets) for k, body in enumerate(bodies)]
     rigid, mean = [body for body, _, _ in read], np.array([state for _, state, _ in read])
     options = with_chosen_stiffness(options, rigid, mean)
     pairs = [] if content.get("pairs") is None else content["pairs"]
@@ -182,12 +181,29 @@ def _with_common_error(belief, content):
 def physics_options(content) -> dict:
     """Return the physics of a scene file as arguments of `Scene`; the stiffness may be `AUTO`.
 
-    The preset of the key `PRESET` provides defaults. Null disables a law; for other keys null means unset.
+    The preset of the key `PRESET`, by default everyday, provides defaults. Null disables a law; for other
+    keys null means unset. Files of version 0.2 without the key, which meant paper, are refused if they show
+    it by a stiffness or damping.
     """
     content = _with_spreads(content)
+    name, exact = content.get(PRESET), content.get(EXACT)
+    if name is None:
+        name, of_paper = "everyday", [key for key in ("stiffness", "damping") if content.get(key) is not None]
+        if of_paper:
+            raise InvalidOptionError(
+                f"must be given beside {of_paper[0]}: 'physics: paper', which files of version 0.2 without it"
+                " meant, or 'physics: everyday', the default from version 0.3 on",
+                field=PRESET,
+            )
     given = {key: physics_value(key, content[key]) for key in PHYSICS_KEYS if key in content}
-    exact = content.get(EXACT)
-    return with_changes(preset(content.get(PRESET), False if exact is None else flag(exact, EXACT)), given)
+    found = with_changes(preset(name, False if exact is None else flag(exact, EXACT)), given)
+    if found.get("stiffness") == AUTO and found.get("integrator") == "implicit":
+        raise InvalidOptionError(
+            "must be absent with 'integrator: implicit', whose contacts are rigid",
+            field="stiffness",
+            value=AUTO,
+        )
+    return found
 
 
 def _with_spreads(content, field="", error: type[UncPhysicsError] = InvalidRequestError):
@@ -235,8 +251,8 @@ def physics_value(key, value):
 def with_chosen_stiffness(options, bodies, mean) -> dict:
     """Return arguments of `Scene` in which the stiffness is not `AUTO`.
 
-    With the implicit integrator the stiffness is omitted, and the prediction chooses it. The explicit one
-    takes the result of `auto_stiffness`, which limits penetration.
+    The explicit integrator takes the result of `auto_stiffness`, which limits penetration. The implicit one
+    has no stiffness.
     """
     if options.get("stiffness") != AUTO:
         return options

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import weakref
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,57 +10,14 @@ from numpy.typing import ArrayLike
 
 from ..checks.errors import LimitExceededError
 from ..checks.validation import positive
-from ..collision.contact_model import carrying_stiffness, stopping_stiffness
+from ..physics.paper.contact_model import carrying_stiffness, stopping_stiffness
 from ..spatial.layout import ANGULAR_VELOCITY, VELOCITY
 from .body import RigidBody
-from .scene import Scene
 
 #: Value of a stiffness to be chosen, in scene files and over ROS.
 AUTO = "auto"
 #: Default penetration relative to the radius of a body's largest sphere.
 PENETRATION = 0.05
-#: Penetration of a body that rests on one of its smallest spheres [m]: half of the allowed one, as other
-#: bodies may stand on it.
-REST_DEPTH = 5e-5
-
-_chosen = weakref.WeakKeyDictionary()  # scenes without a stiffness, and the last choice for them
-
-
-def rest_stiffness(bodies: Sequence[RigidBody], mean, gravity) -> float:
-    """Return a stiffness [N/m^3] at which no body that rests sinks in deeper than `REST_DEPTH`.
-
-    The mean states (B, 13) are used only without gravity.
-
-    Notes
-    -----
-    This is for the implicit integrator, whose law is `contact_model.shallow_volume`. A body's smallest sphere
-    must carry its weight there, but at most at `PENETRATION` of its radius. Two spheres have a reduced
-    radius of at least half of that, which makes the depth 1.4 times as large. Without gravity,
-    `auto_stiffness` is used.
-    """
-    with np.errstate(over="ignore"):
-        g = float(np.linalg.norm(gravity))
-    if g == 0.0:
-        return auto_stiffness(bodies, mean, gravity)
-    needed = [0.0]
-    for body in bodies:
-        if body.free:
-            radius = float(body.model.radii.min())
-            needed.append(carrying_stiffness(body.mass * g, radius, min(REST_DEPTH, PENETRATION * radius)))
-    return _rounded_up(max(needed))
-
-
-def with_stiffness(scene: Scene, mean: np.ndarray) -> Scene:
-    """Return the scene, with a stiffness chosen for its mean states ``mean`` (B, 13) if it has none.
-
-    Equal choices return the same object.
-    """
-    if scene.stiffness is not None:
-        return scene
-    kappa = rest_stiffness(scene.bodies, mean, scene.gravity)
-    if scene not in _chosen or _chosen[scene].stiffness != kappa:
-        _chosen[scene] = dataclasses.replace(scene, stiffness=kappa)
-    return _chosen[scene]
 
 
 def auto_stiffness(

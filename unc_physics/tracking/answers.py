@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiler.compile_time import clock
-from ..dynamics import contact_history as histories
+from ..physics import contact_history as histories
 from ..prediction.prediction import Prediction
 from ..prediction.snapshot import Snapshot
 from ..scene.belief import Belief
@@ -79,7 +79,7 @@ def belief_at(tracked: TrackedScene, state: State, time: float) -> Belief:
 def statuses_at(tracked: TrackedScene, state: State, time: float) -> dict[str, TrackStatus]:
     """Return the status of each moving body, by its name."""
     scene, found = tracked.scene, {}
-    resting = histories.asleep(state.carry.contact_history, scene.world).mean(axis=0)
+    resting = histories.asleep(state.carry.contact_history).mean(axis=0)
     for body, track in zip(scene.moving, state.tracks, strict=True):
         if track.mode is TrackMode.CARRIED:
             spread = float(np.sqrt(track.answer(time).covariance.diagonal()[ERR_POSITION].max()))
@@ -128,19 +128,8 @@ def prediction_from(
 
 
 def _touching_support(history, scene, time):
-    """Return a history in which only sleeping bodies touch their supports, at a time.
-
-    Steps do not search for contacts of sleeping bodies; contacts of awake ones appear in the next step.
-    """
-    first, world = np.full_like(history.first_time, np.inf), scene.world
-    if scene.integrator == "contact":
+    """Return a history in which bodies touch what bears them, at a time, and nothing else has touched."""
+    first = np.full_like(history.first_time, np.inf)
+    if history.solver is not None:
         first[bearing_pairs(scene, history)] = time
-    elif history.solver is not None:
-        bodies, memory = first.shape[1], history.solver
-        still = histories.asleep(history, world) | ~np.asarray(world.bodies.moving, bool)
-        n, k = np.nonzero(np.arange(memory.contact.shape[1]) < memory.count[:, None])
-        i, j = memory.contact[n, k, 0], memory.contact[n, k, 1]
-        rests = still[n, i] & ((j < 0) | still[n, np.maximum(j, 0)])
-        low, high = np.where(j < 0, i, np.minimum(i, j)), np.where(j < 0, bodies - 1 - j, np.maximum(i, j))
-        first[n[rests], low[rests], high[rests]] = time
     return history._replace(first_time=first)

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ..checks.errors import DivergedError
-from ..dynamics import contact_history as histories
-from ..dynamics.contact_history import ContactHistory
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
 from ..propagators.monte_carlo import MonteCarloCarry
 from ..propagators.rollouts import advance_rollouts
 from ..propagators.start import move_out_of_overlap
@@ -87,8 +87,6 @@ def drawn_again(tracked: TrackedScene, state: State, place: int, free: Filter) -
         blocks[place] = covariance
         around = Belief.trusted(mean, blocks, scene.moving)
         states, kept = move_out_of_overlap(scene, around, states, [body])
-        if scene.integrator == "implicit":
-            history = histories.with_kept_overlap(history, kept, [body])
         depth = np.maximum(kept[:, body].max(axis=1), kept[:, :, body].max(axis=1))
     history = with_fresh_adjustments(history, body, depth)
     return state._replace(carry=carry._replace(states=states, contact_history=history))

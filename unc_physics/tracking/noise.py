@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..checks.validation import non_negative
-from ..dynamics.contact_history import asleep
+from ..physics.contact_history import asleep
 from ..propagators.monte_carlo import MonteCarloCarry
 from ..scene.action_arrays import AIR_DENSITY
 from ..scene.scene import Scene
@@ -89,7 +89,7 @@ def add_contact_noise(
     """
     if not len(scene.moving):
         return carry, np.zeros(carry.states.shape[1])
-    resting = asleep(carry.contact_history, scene.world)
+    resting = asleep(carry.contact_history)
     rng = np.random.default_rng((seed, carry.step))
     return carry, disturb_contacts(before, carry.states, resting, scene, steps, noise, rng)
 
@@ -120,24 +120,24 @@ def disturb_contacts(
     (B,) array
         Share of the members in which each body was in contact.
     """
-    moving, world = scene.moving, scene.world
-    h, decay = steps * world.dt, world.decay
+    moving, decay = scene.moving, scene.decay
+    h = steps * scene.dt
     share = np.zeros(states.shape[1])
     kept = decay**steps
-    fall = h if decay == 1.0 else world.dt * (1.0 - kept) / (1.0 - decay)
+    fall = h if decay == 1.0 else scene.dt * (1.0 - kept) / (1.0 - decay)
     velocity = states[:, moving, VELOCITY]
-    gained = velocity - kept * before[:, moving, VELOCITY] - fall * world.gravity
+    gained = velocity - kept * before[:, moving, VELOCITY] - fall * scene.gravity
     drag = np.array([0.5 * AIR_DENSITY * scene.bodies[k].drag / scene.bodies[k].mass for k in moving])
     if drag.any():
         for v in (velocity, before[:, moving, VELOCITY]):  # the air's impulse, by the trapezoidal rule
             gained += 0.5 * h * drag[:, None] * np.linalg.norm(v, axis=2, keepdims=True) * v
     impulse = np.sqrt(np.einsum("nbk,nbk->nb", gained, gained))
-    weight = float(np.linalg.norm(world.gravity)) * h
+    weight = float(np.linalg.norm(scene.gravity)) * h
     touching = impulse > max(_LEAST_SHARE * weight, _LEAST_IMPULSE)
     share[moving] = touching.mean(axis=0)
     if not touching.any():
         return share
-    radius = world.bodies.radius[moving]
+    radius = scene.radii[moving]
     omega = states[:, moving, ANGULAR_VELOCITY]
     speed = np.linalg.norm(velocity, axis=2) + radius * np.linalg.norm(omega, axis=2)
     slip = np.minimum(1.0, (speed / noise.slow) ** 2) if noise.slow > 0.0 else 1.0
@@ -151,7 +151,7 @@ def disturb_contacts(
     states[:, moving, ANGULAR_VELOCITY] = omega + spin
     shift, turn = 0.5 * h * kick, 0.5 * h * spin
     if resting.any() and weight > 0.0:
-        down = world.gravity / np.linalg.norm(world.gravity)
+        down = scene.gravity / np.linalg.norm(scene.gravity)
         across = draws[..., :3] - (draws[..., :3] @ down)[..., None] * down
         about = (draws[..., 3:] @ down)[..., None] * down
         root = np.sqrt(h)

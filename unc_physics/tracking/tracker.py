@@ -24,7 +24,6 @@ from ..scene.body_belief import BodyBelief
 from ..scene.environment import thing_names
 from ..scene.pairs import pairs_among
 from ..scene.scene import Scene
-from ..scene.stiffness import with_stiffness
 from ..spatial.layout import ERROR
 from .answers import belief_at, members_at, prediction_from, statuses_at
 from .ensemble import Gates
@@ -101,7 +100,6 @@ class Tracker:
         self._window = positive(window, "window")
         self._time = number(time, "time")
         _check_tracked(scene, propagator)
-        scene = with_stiffness(scene, belief.mean)
         if scene.integrator != "explicit":
             scene = replace(scene, sleep=True)
         tracked = TrackedScene(

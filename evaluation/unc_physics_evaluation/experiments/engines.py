@@ -12,7 +12,7 @@ from .. import work_precision
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import OURS
 from ..results import Results
-from ..rollouts import STEPS, available_steps, missing_engines, rollouts
+from ..rollouts import ENGINES, available, missing_engines, rollouts
 from ..scenarios import boxes_and_cans, can_off_shelf, five_into_bin, salt_box_into_bin, tableware_into_box
 from ..tables import number
 
@@ -66,7 +66,7 @@ def _times(job):
     starts = belief.sample(rounds * count, np.random.default_rng(job.seed("starts")))
     starts = starts.reshape(rounds, count, *belief.mean.shape)
     opened, times = {}, {}
-    for engine in available_steps():
+    for engine in available():
         for sleep in (False, True):
             opened[engine, sleep] = rollouts(engine, replace(scene, sleep=sleep))
             times[engine, sleep] = np.empty(rounds)
@@ -95,12 +95,12 @@ def report(results: Results) -> str:
     rows = results.rows("engines").where(section=SPEED)
     head = ["scene", "engine", "sleep", "CPU time [ms]", "median of paired ratios to unc_physics"]
     lines = []
-    for scene, engine, sleeps in itertools.product(rows.unique("scene"), STEPS, _SLEEP):
+    for scene, engine, sleeps in itertools.product(rows.unique("scene"), ENGINES, _SLEEP):
         found = rows.where(scene=scene, method=engine + _SLEEP[sleeps])
         if found:
             taken, share = found.where(quantity=TIME), found.where(quantity=RATIO)
             figures = number(1e3 * taken.median()), "1" if engine == OURS else number(share.median())
-            lines.append([scene.replace("_", " "), STEPS[engine], "yes" if sleeps else "no", *figures])
+            lines.append([scene.replace("_", " "), ENGINES[engine], "yes" if sleeps else "no", *figures])
     times = results.table("engine_times", head, lines)
     parts = ["### CPU time of a rollout\n", times]
     precision = results.rows("engines").where(section=PRECISION)

@@ -12,7 +12,7 @@ from ..jobs import Job, Outcome, Row, Settings
 from ..methods import OURS
 from ..order_cases import CASES, end_states, order_case
 from ..results import Results
-from ..rollouts import STEPS, available_steps, missing_engines
+from ..rollouts import ENGINES, available, missing_engines
 from ..tables import number, table
 
 TITLE = "Order of accuracy"
@@ -26,7 +26,7 @@ def jobs(settings: Settings) -> list[Job]:
     return [
         Job("orders", settings.parameters(case=case, engine=engine, rate=rate), cost=0.2 + 1e-4 * rate)
         for case in CASES
-        for engine in available_steps()
+        for engine in available()
         for rate in (QUICK_RATES if settings.quick else RATES)
     ]
 
@@ -87,7 +87,7 @@ def report(results: Results) -> str:
         for engine, curve in curves.items():
             errors = dict(zip(np.rint(1.0 / curve[:, 0]).astype(int).tolist(), curve[:, 1], strict=True))
             cells = [_scientific(errors.get(rate, math.nan)) for rate in shown]
-            lines.append([f"{case.title} [{case.unit}]", STEPS[engine], *cells, _order(curve, case.floor)])
+            lines.append([f"{case.title} [{case.unit}]", ENGINES[engine], *cells, _order(curve, case.floor)])
         wanted = "" if case.order is None else str(case.order)
         cases.append(
             [case.title, case.reference, f"{case.horizon:g} s", wanted]
@@ -111,7 +111,7 @@ def report(results: Results) -> str:
 def _curves(rows, case):
     """Time steps and errors (n, 2) of each engine that has any, the longest step first."""
     found = {}
-    for engine in STEPS:
+    for engine in ENGINES:
         own = sorted(rows.where(case=case, engine=engine), key=lambda row: row["rate"])
         if own:
             found[engine] = np.array([(1.0 / row["rate"], row["value"]) for row in own], float)

@@ -21,28 +21,22 @@ from unc_physics.calibration.scores import (
 )
 from unc_physics.scene.presets import EXACT_PRESETS
 from unc_physics.scene.scene import IMPACT_STDS, Scene
-from unc_physics.scene.stiffness import with_stiffness
 from unc_physics.spatial.layout import POSITION, QUATERNION
 
 from ..jobs import Job, Outcome, Row, Settings
 from ..marginal import marginal_prediction, still_prediction
-from ..methods import CONTACT, MARGINAL, OURS, STILL
+from ..methods import MARGINAL, OURS, STILL
 from ..polyhedron import face_normals, lowest_face
 from ..push_predictions import push_outcomes, push_predictions
 from ..recorded_engines import RecordedEngine
 from ..recorded_sets import PushSet, RecordedSet, read_sets
 from ..results import Results
-from ..rollouts import available, missing_engines, with_exact_shapes
+from ..rollouts import available, missing_engines
 from ..scores import brier_score
 
 TITLE = "Reality"
 TIMES = ("0.1 s", "0.2 s", "0.4 s", "rest")
 DEFAULTS, EXACT, CALIBRATED = "default", "exact", "calibrated"
-IMPLICIT = "implicit"
-#: As exact, by the step over exact shapes.
-SHAPES = "exact shapes"
-#: Packings of a cube, whose spheres are in order of size, so that its corners are cut.
-PACKED = {f"{count} spheres": count for count in (100, 300, 1000)}
 #: Most motions of a set, samples of each prediction; motions, samples of all motions, and models of a fit.
 FULL = {"motions": 60, "samples_each": 100, "fit_motions": 20, "fit_draws": 240, "evaluations": 60}
 QUICK = {"motions": 12, "samples_each": 50, "fit_motions": 8, "fit_draws": 64, "evaluations": 60}
@@ -65,28 +59,23 @@ def jobs(settings: Settings) -> list[Job]:
     for name, own in read_sets(settings.data).items():
         count = min(len(own.motions), size["motions"])
         for by in (*available(), MARGINAL):
-            for given in _givens(own, by, settings.integrator):
+            for given in _givens(own, by):
                 folds = _folds(own, by, given, count)
                 for fold in range(folds):
                     parameters = settings.parameters(
                         data=settings.data or "", set=name, by=by, given=given, fold=fold, folds=folds, **size
                     )
-                    if settings.integrator != IMPLICIT:
-                        parameters["integrator"] = settings.integrator
                     found.append(Job("reality", parameters, cost=_cost(own, parameters, count)))
     return found
 
 
-def _givens(own, by, integrator):
+def _givens(own, by):
     """With what a method predicts a set."""
-    if integrator != IMPLICIT:
-        return (DEFAULTS, CALIBRATED) if by == OURS else ()
     if by == MARGINAL:
         return (DEFAULTS,)
     if by != OURS or isinstance(own, PushSet):
         return DEFAULTS, CALIBRATED
-    packed = PACKED if own.solid is not None and own.solid.name == "cube" else ()
-    return DEFAULTS, EXACT, SHAPES, CALIBRATED, *packed
+    return DEFAULTS, EXACT, CALIBRATED
 
 
 def _folds(own, by, given, count):
@@ -106,8 +95,7 @@ def _cost(own, p, count):
     fitted = 0.0
     if p["given"] == CALIBRATED:
         fitted = p["fit_draws"] * (p["evaluations"] + 75)
-    slower = 1.0 + PACKED.get(p["given"], 0) / 100.0
-    return _SAMPLE[p["by"]] * (fitted + slower * p["samples_each"] * scored)
+    return _SAMPLE[p["by"]] * (fitted + p["samples_each"] * scored)
 
 
 def missing(settings: Settings) -> list[str]:
@@ -126,8 +114,7 @@ def run(job: Job) -> Outcome:
     if isinstance(own, PushSet):
         tests = [own.pushes[k] for k in tests]
         every = [own.pushes[k] for k in order]
-        integrator = p.get("integrator", IMPLICIT)
-        made = push_predictions(own.folder, tests, every, p["by"], p["given"] == CALIBRATED, seed, integrator)
+        made = push_predictions(own.folder, tests, every, p["by"], p["given"] == CALIBRATED, seed)
         poses = push_outcomes(own.folder, tests)
         rows = [
             row
@@ -159,18 +146,15 @@ def _by_physics(own: RecordedSet, tests, others, p, seed: int) -> list[Row]:
         flies = model.scene
         rows += [Row(p["by"], f"fitted {name}", "1", value, replicate=p["fold"]) for name, value in values]
     else:
-        flies = _measured(own, others, p)
+        flies = own.measured_scene(others)
         model = own.model(others, _given(own, flies, p["by"], p["given"]))
     normals = face_normals(own.scene.bodies[0].model)
     tested = own.recorded(flies, tests)  # with all corners: flights end with the first contact
-    scene = model.scene
-    if scene.integrator != CONTACT:
-        scene = with_stiffness(scene, tested[0].start.state[None])
     for k, one in zip(tests, tested, strict=True):
         own_seed = seed_of(seed, int(k))
         belief = one.start.belief(model.position_noise, model.rotation_noise)
         begun = time.process_time()
-        states = simulate(scene, belief, one.times, p["samples_each"], own_seed)
+        states = simulate(model.scene, belief, one.times, p["samples_each"], own_seed)
         rows.append(Row(p["by"], TIME, "s", time.process_time() - begun, p["samples_each"], int(k)))
         states = as_recorded(states, model, own_seed)
         rows += _rows(states, one.poses, normals, p["by"], int(k), own_seed)
@@ -179,19 +163,9 @@ def _by_physics(own: RecordedSet, tests, others, p, seed: int) -> list[Row]:
     return rows
 
 
-def _measured(own: RecordedSet, others, p) -> Scene:
-    """Return the scene with measured gravity, with the integrator of a job."""
-    scene = own.measured_scene(others)
-    return scene if p.get("integrator", IMPLICIT) == IMPLICIT else with_exact_shapes(scene)
-
-
 def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
-    """Return the scene of a set without calibration: default, exact, packed, or for an engine."""
-    if given in PACKED:
-        body = scene.bodies[0]
-        packed = replace(body, model=own.solid.packed(PACKED[given]), inertia=body.unit_inertia)
-        return replace(scene, bodies=[packed])
-    if by == OURS and given not in (EXACT, SHAPES):
+    """Return the scene of a set without calibration: default, exact, or for an engine."""
+    if by == OURS and given != EXACT:
         return scene
     if by == OURS:  # what the scene file gives is exact already
         preset = EXACT_PRESETS["everyday"]
@@ -200,13 +174,12 @@ def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
     else:
         friction, restitution = _UNSET[by]
     known = dict.fromkeys((*IMPACT_STDS, "friction_std", "restitution_std"), 0.0)
-    found = replace(scene, friction=friction, restitution=restitution, impact_friction_speed=None, **known)
-    return with_exact_shapes(found) if given == SHAPES else found
+    return replace(scene, friction=friction, restitution=restitution, impact_friction_speed=None, **known)
 
 
 def _calibrated(own: RecordedSet, others, p, simulate: Simulator, seed: int) -> tuple[Model, list]:
     """Return the model fitted to other motions, and its values."""
-    scene = _measured(own, others, p)
+    scene = own.measured_scene(others)
     names = FITTABLE if p["by"] == OURS else [name for name in FITTABLE if name != "impact_friction_speed"]
     if own.starts is not None:
         names = [name for name in names if not name.endswith("_noise")]

@@ -13,7 +13,6 @@ from unc_physics.propagators.registry import PROPAGATORS, make_propagator
 from unc_physics.propagators.start import constrain_belief
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
-from unc_physics.scene.stiffness import with_stiffness
 from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION
 
 from .. import everyday_cases
@@ -72,7 +71,7 @@ def case(name: str) -> Case:
     if name in everyday_cases.names():
         motion, _, belief = name.rpartition(", ")
         found = everyday_cases.case(motion, belief)
-        return Case(with_stiffness(found.scene, found.belief.mean), found.belief, found.horizon)
+        return Case(found.scene, found.belief, found.horizon)
     kind, *rest = name.split()
     if kind == "collision":
         return Case(*collision(rest[0], SPHERES, float(rest[1]), int(rest[2])))
@@ -81,9 +80,9 @@ def case(name: str) -> Case:
     if kind in MANIPULATION:
         scene, belief, horizon = MANIPULATION[kind][0]()
         bodies = [replace(body, model=body.model.prefix(SPHERES)) for body in scene.bodies]
-        return Case(with_stiffness(replace(scene, bodies=bodies), belief.mean), belief, horizon)
+        return Case(replace(scene, bodies=bodies), belief, horizon)
     found = load(name)
-    return Case(with_stiffness(found.scene, found.belief.mean), found.belief, found.horizon)
+    return Case(found.scene, found.belief, found.horizon)
 
 
 def jobs(settings: Settings) -> list[Job]:

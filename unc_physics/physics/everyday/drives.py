@@ -3,18 +3,10 @@
 import math
 
 from ...compiler import inner
-from ...dynamics.actions import (
-    ROUND_OFF,
-    acting_for,
-    bound_pace,
-    follows,
-    write_carried,
-    write_hold,
-    write_on_path,
-)
 from ...spatial.layout import P, Q, V, W
 from ...spatial.rotation import conjugate, log, multiply, normalized, rotate_by_quaternion
 from ...spatial.vectors import dot, minus, plus, three, times
+from ..actions import ROUND_OFF, acting_for, bound_pace, follows, write_carried, write_hold, write_on_path
 from .columns import (
     ACCEL,
     CENTRE,

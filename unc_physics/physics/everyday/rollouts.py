@@ -8,9 +8,9 @@ import numpy as np
 from ...compiler import inner, kernel
 from ...compiler.arrays import empty, integers, zeros
 from ...compiler.threads import in_threads
-from ...dynamics.actions import Actions
 from ...spatial.layout import STATE as STATE_SIZE
 from ...spatial.vectors import dot, minus, three, times
+from ..actions import Actions
 from .columns import (
     ARM,
     AXIS,
@@ -396,7 +396,7 @@ def recorded(states, first_time, memory, world, variation, begin, stops):
     begin : int
         Number of steps done before.
     stops : Stops
-        As in `dynamics.implicit_rollout`.
+        As in `physics.stops`.
 
     Returns
     -------

@@ -1,1 +1,0 @@
-"""Contact geometry: sphere trees, shapes, broad and narrow phase, patches of contacts."""

@@ -1,1 +1,0 @@
-"""Time steps: contact and friction laws, impacts, free motion, kinematic bodies."""

@@ -1,1 +1,0 @@
-"""Initial states: removal of overlap, and settling of resting bodies."""

@@ -1,0 +1,145 @@
+"""Contact model: overlap volume of two shapes, and the penalty force.
+
+The force is ``kappa V``, where V is the overlap volume (the paper's Eq. 4). The explicit step takes V from
+`lens` and `cap`. A shallow overlap of depth d has a volume of about ``pi R d^2``. R is the reduced radius
+``ri rj / (ri + rj)`` of two spheres, or a sphere's radius at a flat surface. Lasting contacts and the choice
+of stiffness use this law.
+"""
+
+import math
+
+from ...compiler import inner, kernel
+
+#: Floating-point transformations allowed in the implicit solver.
+FAST = {"contract", "nsz"}
+
+
+@kernel(arrays=False, error_model="numpy")
+def lens(d, ri, rj):
+    """Compute the overlap of two spheres of radii ``ri``, ``rj`` [m] with centres ``d`` apart.
+
+    Returns
+    -------
+    volume : float
+        Volume of the lens [m^3]; the whole smaller sphere if it lies inside the other; 0 without overlap.
+    lever : float
+        Distance of the contact point from the first centre on the line of centres [m]: the middle of the
+        interval in which the spheres overlap.
+    """
+    if d >= ri + rj:
+        return 0.0, 0.0
+    if d <= abs(ri - rj):
+        volume = 4.0 / 3.0 * math.pi * min(ri, rj) ** 3
+    else:
+        s = ri + rj - d
+        volume = math.pi * s * s * (d * d + 2.0 * d * (ri + rj) - 3.0 * (ri - rj) ** 2) / (12.0 * d)
+    return volume, 0.5 * (max(d - rj, -ri) + min(ri, d + rj))
+
+
+@inner
+def lens_lever(d, ri, rj):
+    """Return the lever of `lens` [m] and its derivative with respect to the distance."""
+    low, high = max(d - rj, -ri), min(ri, d + rj)
+    return 0.5 * (low + high), 0.5 * ((d - rj > -ri) + (d + rj < ri))
+
+
+@kernel(arrays=False, error_model="numpy")
+def cap(distance, r):
+    """Compute the overlap of a sphere of radius ``r`` [m] with a flat solid at a signed distance.
+
+    Returns
+    -------
+    volume : float
+        Volume of the spherical cap [m^3]; the whole sphere if it is below the surface.
+    depth : float
+        Height of the cap [m], 0 to 2 r.
+    """
+    depth = min(max(r - distance, 0.0), 2.0 * r)
+    return math.pi * depth * depth * (3.0 * r - depth) / 3.0, depth
+
+
+def shallow_volume(R, d):
+    """Return the volume of a shallow overlap [m^3]; the force is this times the stiffness."""
+    return math.pi * R * d**2
+
+
+@kernel(arrays=False)
+def shallow_slope(R, d):
+    """Return the derivative of a shallow volume by depth [m^2]; times kappa, it is the contact stiffness."""
+    return 2.0 * math.pi * R * d
+
+
+@kernel(arrays=False)
+def shallow_energy(R, d):
+    """Return the integral of a shallow volume over depth [m^4]; the energy is this times the stiffness."""
+    return math.pi * R * d**3 / 3.0
+
+
+@inner(forceinline=True, error_model="numpy")
+def reduced_radius(ri, rj):
+    """Return the radius of a sphere at a flat surface with the same shallow overlap as two spheres [m]."""
+    return ri * rj / (ri + rj)
+
+
+@inner(forceinline=True)
+def shallow_factor(stiffness):
+    """Return the factor of the stiffness that the functions below take."""
+    return math.pi * stiffness
+
+
+@inner(forceinline=True, fastmath=FAST, error_model="numpy")
+def shallow_depth(force, R, factor):
+    """Return the depth at which a contact has a given force [m]."""
+    return math.sqrt(force / (factor * R))
+
+
+@inner(forceinline=True)
+def balance(h, way, R, factor):
+    """Return the factors of `balanced_impulse` for a contact over an interval ``h`` [s].
+
+    An impulse of 1 N s reduces the depth by ``way`` metres.
+    """
+    strength = 4.0 * h * factor * R
+    return way * strength, strength
+
+
+@inner(forceinline=True, fastmath=FAST, error_model="numpy")
+def balanced_impulse(free, growth, strength):
+    """Return the impulse of a contact with depth ``free`` > 0 without it [N s].
+
+    It solves ``lambda = h force(d)`` at depth ``d = free - way lambda``.
+    """
+    share = free / (1.0 + math.sqrt(1.0 + growth * free))
+    return strength * share * share
+
+
+def carrying_stiffness(force, R, d):
+    """Return the stiffness at which a contact carries a force at depth ``d`` [N/m^3]."""
+    return force / shallow_volume(R, d)
+
+
+def stopping_stiffness(mass, v2, R, d):
+    """Return the stiffness at which a contact absorbs ``mass v2 / 2`` until depth ``d`` [N/m^3]."""
+    return 1.5 * mass * v2 / (math.pi * R * d**3)
+
+
+@kernel(arrays=False)
+def impact_depth(v, inverse_mass, R, stiffness):
+    """Return the depth at which a contact has absorbed the energy of an impact at speed ``v`` [m].
+
+    ``inverse_mass`` [1/kg] is the sum of both bodies' inverse masses.
+    """
+    if v == 0.0 or stiffness == 0.0:
+        return 0.0
+    return (0.5 * v * v / (inverse_mass * stiffness * shallow_energy(R, 1.0))) ** (1.0 / 3.0)
+
+
+@kernel(arrays=False)
+def impact_frequency(v, inverse_mass, R, stiffness):
+    """Return the highest frequency of a contact in an impact at speed ``v`` [1/s], at `impact_depth`."""
+    return math.sqrt(stiffness * shallow_slope(R, impact_depth(v, inverse_mass, R, stiffness)) * inverse_mass)
+
+
+def capacity(r, stiffness):
+    """Estimate the energy that two spheres of radius ``r`` [m] absorb before one passes the other [J]."""
+    return math.pi * stiffness * r**4
