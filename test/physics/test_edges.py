@@ -10,6 +10,7 @@ import pytest
 from plain_scenes import G, run, state, turned
 from scipy.integrate import solve_ivp
 from scipy.spatial import ConvexHull
+from unc_physics.collision.hull import hull_spheres, hull_volume
 
 from unc_physics import (
     Belief,
@@ -21,7 +22,6 @@ from unc_physics import (
     predict,
     rounded_box,
 )
-from unc_physics.collision.hull import hull_spheres, hull_volume
 from unc_physics.scene.body import shape_of
 from unc_physics.scene.environment import Box, Plane
 from unc_physics.scene.stiffness import with_stiffness

@@ -7,8 +7,6 @@ import pytest
 from plain_scenes import BALL, BLOCK, PLATE, packing, state, turned
 from scipy.spatial.transform import Rotation
 from twins import implicit_step as twin
-
-from unc_physics import RigidBody, Scene, load_model, rounded_box
 from unc_physics.collision.contact_patch import (
     IMPACT_GAP,
     TILT,
@@ -43,11 +41,13 @@ from unc_physics.collision.implicit_workspace import (
     PLASTIC,
     implicit_workspace,
 )
-from unc_physics.compiler import kernel
 from unc_physics.dynamics import implicit_solver, implicit_step
 from unc_physics.dynamics.friction import weaken_with_speed
 from unc_physics.dynamics.impact_time import impact_before, time_to_impact
 from unc_physics.dynamics.implicit_world import Rollout
+
+from unc_physics import RigidBody, Scene, load_model, rounded_box
+from unc_physics.compiler import kernel
 from unc_physics.scene.body import shape_of
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
 from unc_physics.scene.stiffness import with_stiffness

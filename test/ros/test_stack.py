@@ -26,9 +26,9 @@ from running import (
 )
 from scenes import assert_answered, good_request, moving_object, position_of, request_of, with_physics
 from std_srvs.srv import Empty
+from unc_physics.dynamics import rollout
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.dynamics import rollout
 from unc_physics.ros import server
 from unc_physics_msgs.srv import Predict
 

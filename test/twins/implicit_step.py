@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
+from unc_physics.collision.hull import hull_spheres
 
 from unc_physics import Box
-from unc_physics.collision.hull import hull_spheres
 from unc_physics.scene.body import shape_of
 
 from .states import P, Q, V, W
