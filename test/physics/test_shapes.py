@@ -51,7 +51,7 @@ points = st.tuples(coordinates, coordinates, coordinates)
 def surface(element, point):
     """Distance and normal (3,) at a point of an element's frame."""
     kind, size = np.array([element.kind]), np.array([element.size_row])
-    distance, normal = shapes.surface(kind, size, 0, *map(float, point))
+    distance, normal = solids.surface(kind, size, 0, *map(float, point))
     return distance, np.array(normal)
 
 
@@ -60,7 +60,7 @@ def random_points(count=400, seed=0):
 
 
 def test_every_shape_is_an_element_and_is_tested_here():
-    assert list(KNOWN) == list(shapes.KINDS) == list(ELEMENTS)
+    assert list(KNOWN) == list(solids.KINDS) == list(ELEMENTS)
     assert [element.kind for element, *_ in KNOWN.values()] == list(range(len(KNOWN)))
 
 
@@ -123,14 +123,14 @@ def test_bounds_and_thickness_fit(name):
     np.testing.assert_allclose(everywhere.min(axis=0), low, atol=2e-3)
     np.testing.assert_allclose(everywhere.max(axis=0), high, atol=2e-3)
     depth = -min(surface(element, point)[0] for point in (*random_points(), np.zeros(3)))
-    assert shapes.thickness(np.array([element.kind]), np.array([element.size_row]), 0) == pytest.approx(depth)
+    assert solids.thickness(np.array([element.kind]), np.array([element.size_row]), 0) == pytest.approx(depth)
     assert element.finite
 
 
 def test_a_half_space_has_an_end_at_its_surface_only():
     low, high = Plane().bounds
     assert high.tolist() == [np.inf, np.inf, 0.0] and np.all(low == -np.inf) and not Plane().finite
-    assert shapes.thickness(np.array([0]), np.zeros((1, 3)), 0) == np.inf
+    assert solids.thickness(np.array([0]), np.zeros((1, 3)), 0) == np.inf
 
 
 @pytest.mark.parametrize("name", KNOWN)
@@ -273,5 +273,5 @@ def test_an_unknown_shape_is_refused():
 
 def test_a_kernel_finds_nothing_in_an_unknown_kind():
     for kind in (-1, len(KNOWN)):
-        found = shapes.surface(np.array([kind]), np.ones((1, 3)), 0, 0.0, 0.0, 0.0)
+        found = solids.surface(np.array([kind]), np.ones((1, 3)), 0, 0.0, 0.0, 0.0)
         assert found == (math.inf, (0.0, 0.0, 1.0))
