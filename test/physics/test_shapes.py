@@ -13,6 +13,7 @@ from twins import shapes as twin
 
 from unc_physics import RigidBody, Scene
 from unc_physics.checks.errors import InvalidEnvironmentError, InvalidOrientationError, NotFiniteError
+from unc_physics.physics.paper import solids
 from unc_physics.physics.paper.element_contacts import cap
 from unc_physics.physics.paper.rollout import simulate
 from unc_physics.plots.scene_picture import outline
