@@ -10,6 +10,7 @@ from unc_physics import load_scene  # noqa: F401  (fails early, with a clear tra
 from unc_physics.scene.scene_file import scene_from_dict
 
 TWO_BODIES = {
+    "physics": "paper",
     "dt": 0.01,
     "horizon": 2.0,
     "stiffness": 1e4,
