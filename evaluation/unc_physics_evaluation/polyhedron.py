@@ -7,9 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from unc_physics.shapes.packing import pack_solid
 from unc_physics.shapes.packing_file import SpherePacking
-from unc_physics.shapes.solid_mesh import make_solid
 from unc_physics.spatial.rotation import rotation_matrix
 
 SHARP = 1e-4  # m, radius of a sharp corner
@@ -51,15 +49,6 @@ class Polyhedron(NamedTuple):
             origin=np.zeros(3),
             bounding_radius=float(np.linalg.norm(centers, axis=1).max() + corner_radius),
         )
-
-    def packed(self, spheres: int) -> SpherePacking:
-        """Return a packing of a number of spheres, in order of size, which cuts the corners."""
-        hull = ConvexHull(self.vertices)
-        faces = hull.simplices
-        normals = np.cross(*np.diff(self.vertices[faces], axis=1).swapaxes(0, 1))
-        inward = np.sum(normals * hull.equations[:, :3], axis=1) < 0.0
-        faces = np.where(inward[:, None], faces[:, ::-1], faces)
-        return pack_solid(make_solid(self.name, self.vertices, faces), spheres, largest_first=True)
 
 
 def box(name: str, sides: np.ndarray) -> Polyhedron:

@@ -26,7 +26,6 @@ DT = 1.0 / 120.0  # s
 _TIP, EDGE, _SPACING, FOOT = 1.5e-4, 3e-3, 1.5e-4, 3e-3  # m: radii of tips, edges and feet; between spheres
 _SIDE = 1e-3  # m, half of the flat side of the block's piece, at the tips' height
 HEIGHT = 0.0125  # m, of the tips above the block's underside
-_STIFFNESS = 1e11  # N/m^3: at which a tip sinks in by 0.02 mm
 #: Where the tips of a pusher with one, and of one with two are in its frame [m].
 TIPS = np.zeros((1, 3)), np.array([[0.0, -0.025, 0.0], [0.0, 0.025, 0.0]])
 #: What is not known of the pushes: standard deviations of both frictions, of where the load is, as feet rub
@@ -301,12 +300,7 @@ def push_scene(
         ),
     ]
     scene = Scene.everyday(
-        bodies,
-        dt=DT,
-        environment=[Plane(name="table", **table_surface)],
-        stiffness=_STIFFNESS,
-        overlap="keep",
-        **physics,
+        bodies, dt=DT, environment=[Plane(name="table", **table_surface)], overlap="keep", **physics
     )
     mean = np.zeros((2, STATE))
     mean[:, QUATERNION] = 0.0, 0.0, 0.0, 1.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from unc_physics_evaluation.methods import MARGINAL, OURS, STILL
+from unc_physics_evaluation.methods import MARGINAL, STILL
 from unc_physics_evaluation.push_predictions import push_outcomes, push_predictions
 from unc_physics_evaluation.recorded_pushes import (
     FOLDER,
@@ -47,18 +47,6 @@ def test_the_blocks_pieces_have_its_sides_and_feet():
         assert (reach > -1e-12).all()
     spheres = model.centers[:-3]
     np.testing.assert_allclose(spheres[:, 2], side.points[:, 2].mean())
-
-
-def test_a_push_by_exact_shapes_ends_near_the_other_step():
-    """Block, tips and table as measured: of one tip both steps agree within the repeats."""
-    k = int(np.flatnonzero(recorded_pushes().kind == 0)[1])
-    ends = [
-        planar(next(push_predictions(FOLDER, [k], [k], OURS, True, 0, integrator))[OURS]).mean(axis=0)
-        for integrator in ("implicit", "contact")
-    ]
-    assert abs(ends[0] - planar_before(k))[:2].max() > 5e-3
-    assert ends[1][2] == pytest.approx(ends[0][2], abs=0.02)
-    np.testing.assert_allclose(ends[1][:2], ends[0][:2], atol=5e-4)
 
 
 @pytest.mark.parametrize("kind, tip", [(0, 0.55), (2, 0.34)])

@@ -27,6 +27,7 @@ BY_NAME = (
     "scenes_at_random",
     "tracking",
     "reality",
+    "presets",
     "packing",
     "latency",
     "releases",
