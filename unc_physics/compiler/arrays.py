@@ -22,17 +22,6 @@ def zeros(shape):
 
 
 @kernel(noinline=True)
-def aligned_zeros(shape):
-    """Return zeros aligned to a cache line (64 bytes), so that eight can be read at once."""
-    size = 1
-    for count in shape:
-        size *= count
-    room = np.zeros(size + 7)
-    first = -(room.ctypes.data // 8) % 8
-    return room[first : first + size].reshape(shape)
-
-
-@kernel(noinline=True)
 def full(shape, value):
     """Return an array with equal entries."""
     return np.full(shape, value)

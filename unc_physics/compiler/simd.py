@@ -13,7 +13,7 @@ from numba.core import cgutils
 
 LANES = 8
 intrinsic: Any = extending.intrinsic  # callers leave out the first argument
-FLOATS, DOUBLES = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.DoubleType(), LANES)
+FLOATS = ir.VectorType(ir.FloatType(), LANES)
 
 
 def integer(value):

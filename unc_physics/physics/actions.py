@@ -273,27 +273,6 @@ def push(x, i, begin, end, share, bodies, R, actions):
             x[i, W + k] += time * spin[k]
 
 
-@inner
-def bound_push(i, begin, end, bodies, actions):
-    """Bound the change of velocity of a point of body i by wrenches between two times [m/s].
-
-    Drag never makes a body faster, and none acts on a body at rest.
-    """
-    total = 0.0
-    for u in range(len(actions.wrench_body)):
-        if actions.wrench_body[u] == i:
-            time = acting_for(u, begin, end, actions)
-            if time > 0.0:
-                f, b, spin = actions.wrench[u], bodies.inverse_inertia[i], 0.0
-                for k in range(3):
-                    for m in range(3):
-                        spin += b[k, m] * b[k, m]
-                force = np.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
-                torque = np.sqrt(f[3] * f[3] + f[4] * f[4] + f[5] * f[5])
-                total += time * (bodies.inverse_mass[i] * force + bodies.radius[i] * np.sqrt(spin) * torque)
-    return total
-
-
 @kernel
 def states_on_path(j, times, actions):
     """Return the states (T, 13) of body j on its path at given times [s]."""

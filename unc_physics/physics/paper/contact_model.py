@@ -2,16 +2,13 @@
 
 The force is ``kappa V``, where V is the overlap volume (the paper's Eq. 4). The explicit step takes V from
 `lens` and `cap`. A shallow overlap of depth d has a volume of about ``pi R d^2``. R is the reduced radius
-``ri rj / (ri + rj)`` of two spheres, or a sphere's radius at a flat surface. Lasting contacts and the choice
-of stiffness use this law.
+``ri rj / (ri + rj)`` of two spheres, or a sphere's radius at a flat surface. The choice of stiffness uses
+this law.
 """
 
 import math
 
 from ...compiler import inner, kernel
-
-#: Floating-point transformations allowed in the implicit solver.
-FAST = {"contract", "nsz"}
 
 
 @kernel(arrays=False, error_model="numpy")
@@ -73,44 +70,6 @@ def shallow_slope(R, d):
 def shallow_energy(R, d):
     """Return the integral of a shallow volume over depth [m^4]; the energy is this times the stiffness."""
     return math.pi * R * d**3 / 3.0
-
-
-@inner(forceinline=True, error_model="numpy")
-def reduced_radius(ri, rj):
-    """Return the radius of a sphere at a flat surface with the same shallow overlap as two spheres [m]."""
-    return ri * rj / (ri + rj)
-
-
-@inner(forceinline=True)
-def shallow_factor(stiffness):
-    """Return the factor of the stiffness that the functions below take."""
-    return math.pi * stiffness
-
-
-@inner(forceinline=True, fastmath=FAST, error_model="numpy")
-def shallow_depth(force, R, factor):
-    """Return the depth at which a contact has a given force [m]."""
-    return math.sqrt(force / (factor * R))
-
-
-@inner(forceinline=True)
-def balance(h, way, R, factor):
-    """Return the factors of `balanced_impulse` for a contact over an interval ``h`` [s].
-
-    An impulse of 1 N s reduces the depth by ``way`` metres.
-    """
-    strength = 4.0 * h * factor * R
-    return way * strength, strength
-
-
-@inner(forceinline=True, fastmath=FAST, error_model="numpy")
-def balanced_impulse(free, growth, strength):
-    """Return the impulse of a contact with depth ``free`` > 0 without it [N s].
-
-    It solves ``lambda = h force(d)`` at depth ``d = free - way lambda``.
-    """
-    share = free / (1.0 + math.sqrt(1.0 + growth * free))
-    return strength * share * share
 
 
 def carrying_stiffness(force, R, d):

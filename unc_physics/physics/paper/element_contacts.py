@@ -12,10 +12,6 @@ from .narrow_phase import DISTANCE, NORMAL, POINT, VOLUME
 from .solids import bounds, surface
 from .sphere_tree import EMPTY, WIDTH
 
-#: Elements are flush if the edge of one is at most so far from the other [m].
-_FLUSH = 1e-4
-_SAME_SIDE = 0.5  # least cosine of the angle between the normals of flush elements at a sphere
-
 
 @inner(forceinline=True)
 def in_element(position, R, e, x, y, z):
@@ -33,41 +29,6 @@ def element_distance(environment, e, x, y, z):
     """Return the signed distance of a point, world frame, from element e [m]."""
     px, py, pz = in_element(environment.position, environment.R, e, x, y, z)
     return surface(environment.kind, environment.size, e, px, py, pz)[0]
-
-
-@inner
-def is_covered(environment, e, center, normal, distance):
-    """Return whether another element covers the point of element e that is nearest to a sphere's centre.
-
-    Two elements with flush faces have an edge between them that nothing can touch. The other element then
-    contains the point, is nearer to the centre, and has a similar normal there.
-
-    Parameters
-    ----------
-    environment : Environment
-    e : int
-    center : tuple of 3 floats
-        Of the sphere, in the world frame [m].
-    normal : tuple of 3 floats
-        Of element e at the nearest point, in its own frame.
-    distance : float
-        From the centre to that point [m].
-    """
-    position, R, kind, size = environment.position, environment.R, environment.kind, environment.size
-    nx, ny, nz = rotate(R[e], normal[0], normal[1], normal[2])
-    x, y, z = center
-    for f in range(len(kind)):
-        if f == e:
-            continue
-        px, py, pz = in_element(position, R, f, x, y, z)
-        other, m = surface(kind, size, f, px, py, pz)
-        if other < distance:
-            mx, my, mz = rotate(R[f], m[0], m[1], m[2])
-            aligned = nx * mx + ny * my + nz * mz > _SAME_SIDE
-            cx, cy, cz = x - distance * nx, y - distance * ny, z - distance * nz
-            if aligned and element_distance(environment, f, cx, cy, cz) < _FLUSH:
-                return True
-    return False
 
 
 @inner

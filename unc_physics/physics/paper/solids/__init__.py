@@ -1,7 +1,7 @@
 """Shapes of the environment, one module each, with the solid in its own frame.
 
-To add a shape, write a module with the functions ``surface``, ``bounds``, ``thickness`` and ``flat_side``.
-Their argument is a row of sizes. Then add the module's name to `NAMES`. All shapes must be convex.
+To add a shape, write a module with the functions ``surface`` and ``bounds``. Their argument is a row
+of sizes. Then add the module's name to `NAMES`. All shapes must be convex.
 """
 
 import math
@@ -44,8 +44,6 @@ def _either(number, function, other):
 
 _surface = _by_kind("surface", (math.inf, (0.0, 0.0, 1.0)))
 _bounds = _by_kind("bounds", ((math.inf,) * 3, (-math.inf,) * 3))
-_thickness = _by_kind("thickness", math.inf)
-_flat_side = _by_kind("flat_side", (-1, 0.0, 0.0))
 
 
 @kernel(arrays=False, error_model="numpy", forceinline=True)
@@ -79,35 +77,6 @@ def surface(kind, size, e, x, y, z):
 def bounds(kind, size, e):
     """Return the lowest and highest corner of element e, in its own frame [m]; infinite where unbounded."""
     return _bounds(kind, size, e)
-
-
-@kernel(arrays=False, forceinline=True)
-def thickness(kind, size, e):
-    """Return the largest depth inside element e [m]; a deeper sphere exits on the other side."""
-    return _thickness(kind, size, e)
-
-
-@kernel(arrays=False, forceinline=True)
-def flat_side(kind, size, e, mx, my, mz, rx, ry, rz):
-    """Find the flat side of element e that is nearest to every point of a box; its distance is linear there.
-
-    Parameters
-    ----------
-    kind, size, e
-        As in `surface`.
-    mx, my, mz, rx, ry, rz : float
-        Centre of the box, and half its sides, along the element's axes [m].
-
-    Returns
-    -------
-    axis : int
-        Axis of the side's normal; -1 if no flat side is nearest to all points.
-    sign : float
-        1 or -1, the sign of the normal along the axis.
-    offset : float
-        Distance of the side from the origin [m].
-    """
-    return _flat_side(kind, size, e, mx, my, mz, rx, ry, rz)
 
 
 @kernel

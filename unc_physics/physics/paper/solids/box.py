@@ -24,25 +24,5 @@ def surface(size, e, x, y, z):
 
 @inner(forceinline=True)
 def bounds(size, e):
-    """Return the corners of the box (`shapes.bounds`)."""
+    """Return the corners of the box (`solids.bounds`)."""
     return (-size[e, 0], -size[e, 1], -size[e, 2]), (size[e, 0], size[e, 1], size[e, 2])
-
-
-@inner(forceinline=True)
-def thickness(size, e):
-    """Return half the shortest edge (`shapes.thickness`)."""
-    return min(size[e, 0], min(size[e, 1], size[e, 2]))
-
-
-@inner(forceinline=True)
-def flat_side(size, e, mx, my, mz, rx, ry, rz):
-    """Find the face below all points (`shapes.flat_side`)."""
-    hx, hy, hz = size[e, 0], size[e, 1], size[e, 2]
-    over_x, over_y, over_z = abs(mx) + rx <= hx, abs(my) + ry <= hy, abs(mz) + rz <= hz
-    if over_y and over_z and abs(mx) - rx > hx:
-        return 0, math.copysign(1.0, mx), hx
-    if over_x and over_z and abs(my) - ry > hy:
-        return 1, math.copysign(1.0, my), hy
-    if over_x and over_y and abs(mz) - rz > hz:
-        return 2, math.copysign(1.0, mz), hz
-    return -1, 0.0, 0.0

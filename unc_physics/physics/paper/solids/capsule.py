@@ -9,7 +9,7 @@ from .direction import unit
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Compute distance and normal from the nearest point of the axis segment (`shapes.surface`).
+    """Compute distance and normal from the nearest point of the axis segment (`solids.surface`).
 
     On the axis the normal is the x axis.
     """
@@ -20,18 +20,6 @@ def surface(size, e, x, y, z):
 
 @inner(forceinline=True)
 def bounds(size, e):
-    """Return the bounding box (`shapes.bounds`)."""
+    """Return the bounding box (`solids.bounds`)."""
     r, half = size[e, 0], size[e, 0] + size[e, 1]
     return (-r, -r, -half), (r, r, half)
-
-
-@inner(forceinline=True)
-def thickness(size, e):
-    """Return the radius (`shapes.thickness`)."""
-    return size[e, 0]
-
-
-@inner(forceinline=True)
-def flat_side(size, e, mx, my, mz, rx, ry, rz):
-    """Return -1: a capsule has no flat side (`shapes.flat_side`)."""
-    return -1, 0.0, 0.0

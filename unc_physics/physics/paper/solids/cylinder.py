@@ -8,7 +8,7 @@ from .direction import unit
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Compute distance and normal (`shapes.surface`): to the nearest point outside, the nearest face inside.
+    """Compute distance and normal (`solids.surface`): to the nearest point outside, the nearest face inside.
 
     On the axis, the normal of the curved side is the x axis. If side and end are equally near, the side is
     used.
@@ -26,21 +26,6 @@ def surface(size, e, x, y, z):
 
 @inner(forceinline=True)
 def bounds(size, e):
-    """Return the bounding box (`shapes.bounds`)."""
+    """Return the bounding box (`solids.bounds`)."""
     r, half = size[e, 0], size[e, 1]
     return (-r, -r, -half), (r, r, half)
-
-
-@inner(forceinline=True)
-def thickness(size, e):
-    """Return the smaller of the radius and half the length (`shapes.thickness`)."""
-    return min(size[e, 0], size[e, 1])
-
-
-@inner(forceinline=True)
-def flat_side(size, e, mx, my, mz, rx, ry, rz):
-    """Find the end below all points (`shapes.flat_side`)."""
-    x, y = abs(mx) + rx, abs(my) + ry
-    if abs(mz) - rz > size[e, 1] and x * x + y * y <= size[e, 0] ** 2:
-        return 2, math.copysign(1.0, mz), size[e, 1]
-    return -1, 0.0, 0.0

@@ -7,23 +7,11 @@ from ....compiler import inner
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Return the height of a point above the plane, and the z axis (`shapes.surface`)."""
+    """Return the height of a point above the plane, and the z axis (`solids.surface`)."""
     return z, (0.0, 0.0, 1.0)
 
 
 @inner(forceinline=True)
 def bounds(size, e):
-    """Return bounds that are finite only above (`shapes.bounds`)."""
+    """Return bounds that are finite only above (`solids.bounds`)."""
     return (-math.inf, -math.inf, -math.inf), (math.inf, math.inf, 0.0)
-
-
-@inner(forceinline=True)
-def thickness(size, e):
-    """Return infinity (`shapes.thickness`)."""
-    return math.inf
-
-
-@inner(forceinline=True)
-def flat_side(size, e, mx, my, mz, rx, ry, rz):
-    """Return the surface itself (`shapes.flat_side`)."""
-    return 2, 1.0, 0.0

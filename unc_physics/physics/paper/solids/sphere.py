@@ -6,25 +6,13 @@ from .direction import unit
 
 @inner(error_model="numpy", forceinline=True)
 def surface(size, e, x, y, z):
-    """Compute distance and outward normal, which is the x axis at the centre (`shapes.surface`)."""
+    """Compute distance and outward normal, which is the x axis at the centre (`solids.surface`)."""
     length, normal = unit(x, y, z)
     return length - size[e, 0], normal
 
 
 @inner(forceinline=True)
 def bounds(size, e):
-    """Return the bounding cube (`shapes.bounds`)."""
+    """Return the bounding cube (`solids.bounds`)."""
     r = size[e, 0]
     return (-r, -r, -r), (r, r, r)
-
-
-@inner(forceinline=True)
-def thickness(size, e):
-    """Return the radius (`shapes.thickness`)."""
-    return size[e, 0]
-
-
-@inner(forceinline=True)
-def flat_side(size, e, mx, my, mz, rx, ry, rz):
-    """Return -1: a ball has no flat side (`shapes.flat_side`)."""
-    return -1, 0.0, 0.0
