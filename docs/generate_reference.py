@@ -477,10 +477,10 @@ def models_page() -> str:
 
     text = (ROOT / "models" / "README.md").read_text(encoding="utf-8")
     about = dict(re.findall(r"^\| (\w+) \|.*\| ([^|]+) \|$", text, re.MULTILINE))
-    head = "model", "size [mm]", "mass [kg]", "spheres", "`auto`", "fill [%]", "largest surface gap [mm]"
-    lines = [_row((*head, "what it is")), "|---|---|--:|--:|--:|--:|--:|---|"]
+    head = "model", "size [mm]", "mass [kg]", "spheres", "fill [%]", "largest surface gap [mm]"
+    lines = [_row((*head, "what it is")), "|---|---|--:|--:|--:|--:|---|"]
     quality = [
-        "Loss of extent / sink of a ball of 10 mm [mm], for the first spheres of each model:",
+        "Loss of extent [mm], for the first spheres of each model:",
         "",
         "| model | " + " | ".join(map(str, _PREFIXES)) + " | all |",
         "|---|" + "--:|" * (len(_PREFIXES) + 1),
@@ -491,13 +491,12 @@ def models_page() -> str:
         numbers = (
             f"{packing.mass:.3g}",
             str(len(packing)),
-            str(packing.sufficient_count()),
             f"{100 * packing.fill:.1f}",
             f"{1e3 * packing.surface_gap:.2f}",
         )
         lines.append(_row((path.stem, size, *numbers, about[path.stem])))
         parts = [packing.prefix(count) for count in _PREFIXES] + [packing]
-        measures = (f"{1e3 * part.extent_loss:.2f} / {1e3 * part.sink:.1f}" for part in parts)
+        measures = (f"{1e3 * part.extent_loss:.2f}" for part in parts)
         quality.append(_row((path.stem, *measures)))
     tables = "\n".join([*lines, "", *quality]) + "\n"
     return re.sub(r"^\|.*\n(?:\|.*\n)+", tables, text, count=1, flags=re.MULTILINE)

@@ -5,7 +5,7 @@ import pytest
 
 from unc_physics import UncPhysicsError, rounded_box
 from unc_physics.shapes import household_meshes as meshes
-from unc_physics.shapes.quality import extent_losses, sinks
+from unc_physics.shapes.quality import extent_losses
 from unc_physics.shapes.solid_mesh import make_solid
 
 
@@ -50,7 +50,6 @@ def test_it_carries_a_ball_on_faces_and_edges(size, radius):
     distances = np.linalg.norm(box.centers[:, None] - box.centers, axis=2) + 3.0 * radius * np.eye(len(box))
     assert distances.min() >= 2.0 * radius * (1.0 - 1e-12)
     mesh = make_solid("box", *meshes.rounded_box(np.broadcast_to(size, 3), radius))
-    assert sinks(mesh.corners, spheres, [8, len(box)]) == pytest.approx([0.02, 0.002], rel=0.1)
     assert extent_losses(mesh.corners, spheres, [8])[0] <= 1e-6
 
 

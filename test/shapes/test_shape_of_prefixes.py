@@ -18,7 +18,7 @@ from unc_physics.shapes.library import load_model
 from unc_physics.shapes.packing import pack_solid
 from unc_physics.shapes.primitive_models import primitive_model
 from unc_physics.shapes.primitives import primitive
-from unc_physics.shapes.quality import extent_losses, sinks
+from unc_physics.shapes.quality import extent_losses
 from unc_physics.shapes.recipes import RECIPES, recipe_solid
 from unc_physics.shapes.solid_mesh import make_solid
 
@@ -143,26 +143,6 @@ def test_loss_between_two_balls_is_found_where_neither_is_support():
     assert extent_losses(rod.triangles, balls, [4])[0] == pytest.approx(expected, rel=1e-2)
 
 
-def test_sink_between_four_spheres_on_a_grid():
-    """A ball on a floor of spheres of radius r at a distance 2 r sinks between four of them."""
-    r, probe, n = 0.006, 0.01, 5
-    at = (np.arange(n) - n // 2) * 2 * r
-    x, y = (v.reshape(-1) for v in np.meshgrid(at, at))
-    balls = np.column_stack([x, y, 0 * x - r, 0 * x + r])
-    size = 2 * r * n
-    corners = box_corners(size, size, 2 * r) - [0, 0, r]
-    top = corners[(corners[:, :, 2] == 0.0).all(axis=1) & (np.abs(corners[:, :, :2]).max(axis=(1, 2)) > 0)]
-    inner = top * 0.5  # places beside the edge see the side
-    inner[:, :, 2] = 0.0
-    expected = r + probe - math.sqrt((r + probe) ** 2 - 2 * r * r)
-    assert sinks(inner, balls, [len(balls)])[0] == pytest.approx(expected, rel=1e-2)
-
-
-def test_a_ball_that_meets_nothing_sinks_in_whole():
-    found = sinks(box_corners(0.1, 0.1, 0.1), np.array([[0, 0, 0, 0.001], [0, 0, 0.04, 0.01]]), [1])
-    assert found[0] == pytest.approx(0.02)
-
-
 def test_measures_of_a_prefix_are_those_of_the_last_length_measured():
     box = trimesh.creation.box([0.1, 0.06, 0.04])
     packing = pack_solid(make_solid("box", box.vertices, box.faces), 60)
@@ -170,10 +150,7 @@ def test_measures_of_a_prefix_are_those_of_the_last_length_measured():
     at = int(np.searchsorted(packing.measured_spheres, 35, side="right")) - 1
     assert packing.measured_spheres[at] == 35
     assert packing.prefix(37).extent_loss == packing.prefix(35).extent_loss == packing.extent_losses[at]
-    assert packing.prefix(37).sink == packing.sinks[at]
-    half = packing.scaled(0.5)
-    assert half.extent_loss == 0.5 * packing.extent_loss and half.sink == 0.5 * packing.sink
-    assert packing.scaled(2.0).sink is None
+    assert packing.scaled(0.5).extent_loss == 0.5 * packing.extent_loss
 
 
 def test_the_first_eight_spheres_of_a_box_are_in_its_corners():
@@ -185,20 +162,9 @@ def test_the_first_eight_spheres_of_a_box_are_in_its_corners():
     assert packing.prefix(8).extent_loss == pytest.approx((math.sqrt(3.0) - 1.0) * r[0, 0], rel=1e-3)
 
 
-def test_sufficient_count_is_the_first_that_meets_both_limits():
-    packing = load_model("salt_box", MODELS)
-    count = packing.sufficient_count()
-    assert packing.prefix(count).extent_loss <= 0.001 and packing.prefix(count).sink <= 0.002
-    before = packing.prefix(count - 1)
-    assert before.extent_loss > 0.001 or before.sink > 0.002
-    alone = packing.sufficient_count(sink=None)
-    assert alone <= count and packing.prefix(alone).extent_loss <= 0.001
-    assert packing.scaled(2.0).sufficient_count() == len(packing)  # its sink is not known
-
-
 def test_a_ball_is_its_largest_sphere():
     ball = pack_solid(make_solid("ball", *primitive("sphere", (0.05,))), 30)
-    assert ball.radii[0] > 0.99 * 0.05 and ball.sufficient_count() == 1
+    assert ball.radii[0] > 0.99 * 0.05
 
 
 def test_a_cylinder_is_lined_evenly_and_rolls_on_nothing_else():

@@ -245,8 +245,8 @@ def run_models(arguments: argparse.Namespace) -> int:
 
 
 def table(packings, names) -> str:
-    """Return a table of size, mass, pieces, spheres, spheres of `auto`, fill and surface gap of models."""
-    rows = [("model", "size [mm]", "mass [kg]", "pieces", "spheres", "auto", "fill [%]", "gap [mm]")]
+    """Return a table of size, mass, pieces, spheres, fill and surface gap of models."""
+    rows = [("model", "size [mm]", "mass [kg]", "pieces", "spheres", "fill [%]", "gap [mm]")]
     for packing, name in zip(packings, names, strict=True):
         size = gap = mass = "-"
         if packing.bounds is not None:
@@ -256,17 +256,16 @@ def table(packings, names) -> str:
         if packing.mass is not None:
             mass = plain_digits(packing.mass, 3)
         pieces = "-" if packing.has_only_spheres else str(len(packing.pieces))
-        count, auto = str(len(packing)), str(packing.sufficient_count())
-        rows.append((printable(name), size, mass, pieces, count, auto, f"{100.0 * packing.fill:.1f}", gap))
+        count, fill = str(len(packing)), f"{100.0 * packing.fill:.1f}"
+        rows.append((printable(name), size, mass, pieces, count, fill, gap))
     return _aligned(rows)
 
 
 def quality_table(parts) -> str:
-    """Loss of extent and sink of a ball of 10 mm, for parts of one packing."""
-    rows = [("spheres", "loss of extent [mm]", "sink of a 10 mm ball [mm]")]
+    """Loss of extent for parts of one packing."""
+    rows = [("spheres", "loss of extent [mm]")]
     for part in parts:
-        loss, sink = ("-" if x is None else f"{1e3 * x:.2f}" for x in (part.extent_loss, part.sink))
-        rows.append((str(len(part)), loss, sink))
+        rows.append((str(len(part)), "-" if part.extent_loss is None else f"{1e3 * part.extent_loss:.2f}"))
     return _aligned(rows)
 
 

@@ -21,6 +21,7 @@ from ..checks.names import hint
 from ..checks.validation import array, instance, positive
 from ..scene.environment import ENVIRONMENT, element_names, thing_names
 from ..scene.scene import Scene
+from ..shapes.pieces import farthest
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..spatial.rotation import rotate_vectors, rotation_matrix
 from .regions import BoxRegion
@@ -542,7 +543,7 @@ def up_of(scene: Scene) -> np.ndarray:
 def _top_of_body(model, states, up):
     """Return the height of the highest point of a body in states (N, 13): (N,) [m]."""
     own_up = np.array([rotation_matrix(q).T @ up for q in states[:, QUATERNION]])
-    return states[:, POSITION] @ up + (own_up @ model.centers.T + model.radii).max(axis=1)
+    return states[:, POSITION] @ up + farthest(model.pieces, own_up)
 
 
 def _bracketed(event, kind):

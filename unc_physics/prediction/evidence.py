@@ -243,7 +243,7 @@ def initial_diagnostics(prediction: PredictionData) -> InitialDiagnostics:
     if scene.integrator != "explicit":
         initial = prediction.start
     mass = np.array([body.mass if body.free else 0.0 for body in scene.bodies])
-    shapes = np.array([_shape(body) for body in scene.bodies])
+    shapes = np.array([_shape(scene, body) for body in scene.bodies])
     states = initial.mean[None]
     if scene.overlap == "keep" and len(scene.moving):
         states = np.concatenate([states, initial.sample(_DRAWN, np.random.default_rng(_SEED))])
@@ -330,10 +330,11 @@ def _coincidences(scene, mean, radii):
     return closeness.max(axis=1)
 
 
-def _shape(body):
+def _shape(scene, body):
     """Return a body's row of `InitialDiagnostics.shapes`."""
     principal = np.linalg.eigvalsh(body.unit_inertia)
-    return principal[0], principal[-1], float(body.model.radii.max()), body.model.bounding_radius
+    largest = float(body.model.radii.max()) if scene.integrator == "explicit" else 0.0
+    return principal[0], principal[-1], largest, body.model.bounding_radius
 
 
 def _sigma_point_asymmetries(scene, start, points):

@@ -84,7 +84,7 @@ class ObservationMemory:
     def same_object(self, place: Place, others: Mapping[str, Place]) -> str | None:
         """Return the id of the object of the same model that is too close to be another one."""
         shape = self._library.shape(place.model)
-        nearest = 0.5 * smallest_extent(shape.centers, shape.radii)
+        nearest = 0.5 * smallest_extent(shape)
         for name, other in others.items():
             apart = float(np.linalg.norm(place.position - other.position))
             if place.model == other.model and apart < nearest:

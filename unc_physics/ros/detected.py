@@ -18,7 +18,8 @@ from unc_physics_msgs.msg import Environment, ObjectState, Scene
 from ..checks.errors import UncPhysicsError
 from ..checks.validation import array, quaternion
 from ..scene.environment import Element
-from ..scene.stiffness import AUTO
+from ..shapes.distance import signed_distance
+from ..shapes.packing_file import SpherePacking
 from ..spatial.rotation import rotation_matrix
 from .messages.environment import PackedElement, read_environment
 from .messages.fields import xyz, xyzw
@@ -30,11 +31,10 @@ except ImportError:  # optional
     Detection3DArray = None
 
 _SIGMAS = 3.0
-_PACKING_GAP = 2e-3  # m, between a packing's surface and its mesh's
+_SURFACE_ERROR = 2e-3  # m, of a model's surface
 _UPWARD = 0.5  # cosine of the steepest slope of a support
 #: Kinds of omissions.
 SECOND_DETECTION, IN_MID_AIR = "second detection", "in mid-air"
-_SPHERES = 300  # spheres of a model that count; household models begin with those of their extent
 
 
 class Omission(NamedTuple):
@@ -53,31 +53,34 @@ class Omission(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """Spheres of an object or an obstacle, and how surely the object's pose is known.
+    """An object or an obstacle, and how surely the object's pose is known.
 
     Attributes
     ----------
     name : str
     position : (3,) array
-        Origin of the pose, world frame [m].
-    centers : (n, 3) array
-        World frame [m].
-    radii : (n,) array
-        [m]
+        Origin of the model's coordinates, world frame [m].
+    orientation : (4,) array
+        Quaternion (x, y, z, w), body to world.
+    model : SpherePacking
     covariance : (6, 6) array
         Of position and rotation about fixed axes; zeros for an obstacle.
     """
 
     name: str
     position: np.ndarray
-    centers: np.ndarray
-    radii: np.ndarray
+    orientation: np.ndarray
+    model: SpherePacking
     covariance: np.ndarray
 
-    def gap_std(self, k: int, normal: np.ndarray) -> float:
-        """Return the standard deviation of the height of sphere ``k`` along a normal [m]."""
-        arm = self.centers[k] - self.position
-        J = np.concatenate([normal, np.cross(arm, normal)])
+    @property
+    def pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Position of the centre of mass, world frame [m], and orientation."""
+        return self.position - rotation_matrix(self.orientation) @ self.model.origin, self.orientation
+
+    def std_along(self, normal: np.ndarray, point: np.ndarray) -> float:
+        """Return the standard deviation of a point of the body along a normal, world frame [m]."""
+        J = np.concatenate([normal, np.cross(point - self.position, normal)])
         return float(np.sqrt(max(J @ self.covariance @ J, 0.0)))
 
 
@@ -148,7 +151,7 @@ def settle_detected(
 
     Notes
     -----
-    The lowest sphere decides: an object stands if its gap to a support, along the support's normal, is within
+    Nearest points decide: an object stands if its gap to a support, along the support's normal, is within
     three standard deviations of zero, or negative. Supports are elements, and objects that stand. Of two
     detections of the same model whose positions agree within three standard deviations, or within half the
     model's smallest extent, the surer one is kept. Objects whose twist is known are kept as they are.
@@ -193,7 +196,7 @@ def _stand(open_ones, bodies, supports, up):
                 gaps[name] = "with nothing below it,"
                 continue
             what, gap, std = min(candidates, key=lambda each: each[1] - _SIGMAS * each[2])
-            if gap <= _SIGMAS * std + _PACKING_GAP:
+            if gap <= _SIGMAS * std + _SURFACE_ERROR:
                 open_ones.pop(name).at_rest = True
                 gaps.pop(name, None)
                 below.append(body)
@@ -207,62 +210,53 @@ def _stand(open_ones, bodies, supports, up):
 
 def _gap(body, support, up) -> tuple[str, float, float] | None:
     """Return a support's name, the gap [m] and its standard deviation [m]; None if it is not below."""
-    if isinstance(support, Element):
-        distance, normals = support.surface(body.centers)
-        clearances = distance - body.radii
-        k = int(np.argmin(clearances))
-        normal, gap, std_below = normals[k], float(clearances[k]), 0.0
-    else:
-        if np.linalg.norm(body.position - support.position) > _reach(body) + _reach(support):
+    known, pose, own = 0.0, None, support
+    if isinstance(support, _Body):
+        pose, own = support.pose, support.model
+        reach = body.model.bounding_radius + support.model.bounding_radius
+        if np.linalg.norm(body.pose[0] - support.pose[0]) > 2.0 * reach:
             return None
-        between = body.centers[:, None] - support.centers
-        distances = np.linalg.norm(between, axis=2)
-        clearances = distances - body.radii[:, None] - support.radii
-        k, j = np.unravel_index(int(np.argmin(clearances)), clearances.shape)
-        normal = between[k, j] / max(distances[k, j], 1e-12)
-        gap, std_below = float(clearances[k, j]), support.gap_std(j, normal)
-        k = int(k)
-    if float(normal @ up) < _UPWARD:
+    gap, normal, point, below = signed_distance(body.model, body.pose, own, pose)
+    if float(normal @ up) > -_UPWARD:
         return None
-    return support.name, gap, float(np.hypot(body.gap_std(k, normal), std_below))
+    if isinstance(support, _Body):
+        known = support.std_along(normal, below)
+    return support.name, gap, float(np.hypot(body.std_along(normal, point), known))
 
 
-def _reach(body):
-    """Return the radius of a ball around a body's position that holds twice the body [m]."""
-    return 2.0 * float((np.linalg.norm(body.centers - body.position, axis=1) + body.radii).max())
-
-
-def smallest_extent(centers: np.ndarray, radii: np.ndarray) -> float:
-    """Return a lower bound of the smallest extent of spheres (K, 3), (K,) along the axes [m]."""
-    return float(np.ptp(centers, axis=0).min() + 2.0 * radii.min())
+def smallest_extent(model: SpherePacking) -> float:
+    """Return the shortest edge of the box about a model along its axes [m]."""
+    return float(np.ptp(model.corners, axis=0).min())
 
 
 def _supports(environment, library) -> Sequence[Element | _Body]:
-    """Return the elements of an environment; packed ones as spheres."""
+    """Return the elements of an environment; packed ones as bodies."""
     elements, packed = read_environment(environment, library.shape_packer, wait=False)
     return [*elements, *map(_obstacle, packed)]
 
 
 def _obstacle(element: PackedElement) -> _Body:
-    model, position = element.model, np.array(element.position)
-    R = rotation_matrix(np.array(element.orientation))
-    centers = position + (model.centers - model.origin) @ R.T
-    return _Body(element.name, position, centers, model.radii, np.zeros((6, 6)))
+    return _Body(
+        element.name,
+        np.array(element.position),
+        np.array(element.orientation),
+        element.model,
+        np.zeros((6, 6)),
+    )
 
 
 def _body(own, library, settings) -> _Body:
-    """Return an object's largest spheres, at its mean pose."""
+    """Return an object at its mean pose."""
     if own.model:
-        model = library.shape(own.model, own.spheres, own.scale, default=AUTO)
+        model = library.shape(own.model, own.spheres, own.scale)
     else:
         pack = library.shape_packer.of_primitive if own.primitive.type else library.shape_packer.of_mesh
         shape = own.primitive if own.primitive.type else own.mesh
         model = pack(shape, own.spheres, own.id, False).scaled(own.scale or 1.0)
     position = array(xyz(own.pose.position), (3,), "position")
-    R = rotation_matrix(quaternion(xyzw(own.pose.orientation), "orientation"))
-    centers = position + (model.centers[:_SPHERES] - model.origin) @ R.T
+    orientation = quaternion(xyzw(own.pose.orientation), "orientation")
     P, _ = settings.covariance_defaults.known_pose(own.belief.pose_covariance, "pose_covariance")
-    return _Body(own.id, position, centers, model.radii[:_SPHERES], P)
+    return _Body(own.id, position, np.array(orientation), model, P)
 
 
 def _duplicates(objects, bodies) -> dict[str, Omission]:
@@ -281,7 +275,7 @@ def _duplicates(objects, bodies) -> dict[str, Omission]:
             direction = apart / max(distance, 1e-12)
             P = body.covariance[:3, :3] + other.covariance[:3, :3]
             std = float(np.sqrt(max(direction @ P @ direction, 0.0)))
-            extent = smallest_extent(body.centers, body.radii)
+            extent = smallest_extent(body.model)
             # disjoint bodies are farther apart than their smallest extent
             if distance < max(min(_SIGMAS * std, 0.9 * extent), 0.5 * extent):
                 reason = f"is a second detection of '{better.id}', {distance:.3g} m away"

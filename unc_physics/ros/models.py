@@ -38,11 +38,10 @@ from ..checks.errors import (
 )
 from ..checks.shown import printable
 from ..scene.scene_file import load_shape
-from ..scene.stiffness import AUTO
 from ..shapes.library import list_models
 from ..shapes.packing_file import HULL, SpherePacking, load_packing, save_packing
-from ..shapes.primitive_models import SPHERES, ball
-from ..shapes.primitives import cone, primitive, prism
+from ..shapes.primitive_models import SPHERES, ball, primitive_model
+from ..shapes.primitives import cone, prism
 from .messages.environment import read_dimensions
 from .messages.fields import point_message
 from .services import LATCHED, BackgroundService
@@ -106,18 +105,9 @@ class ModelLibrary:
             return dict(sorted(self._paths.items()))
 
     def shape(
-        self,
-        model: str,
-        spheres: int = 0,
-        scale: float = 0.0,
-        max_spheres: int | None = None,
-        *,
-        default: str | None = None,
-        meets: bool = True,
+        self, model: str, spheres: int = 0, scale: float = 0.0, max_spheres: int | None = None
     ) -> SpherePacking:
-        """Return a model's first ``spheres`` (0: ``default``), with lengths times ``scale`` (0: 1).
-
-        ``default`` and ``meets`` are arguments of `load_shape`.
+        """Return a model's first ``spheres`` (0: all), with lengths times ``scale`` (0: 1).
 
         Raises
         ------
@@ -127,9 +117,9 @@ class ModelLibrary:
             raise InvalidModelError(
                 f"must be 0 or between {_SCALES[0]:g} and {_SCALES[1]:g}", field="scale", value=scale
             )
-        packing = self._shape(str(self._path(model)), spheres or default, scale or None, meets=meets)
+        packing = self._shape(str(self._path(model)), spheres or None, scale or None)
         if max_spheres is not None and len(packing) > max_spheres:
-            own = "" if spheres else f", and the {len(packing)} that the node chooses are more"
+            own = "" if spheres else f", and the model's {len(packing)} are more: give a number"
             raise LimitExceededError(f"must be at most {max_spheres}{own}", field="spheres", value=spheres)
         return packing
 
@@ -155,12 +145,6 @@ class ModelLibrary:
         with self._lock:
             self._paths[name] = path
         self._shape.cache_clear()
-
-    def prepare(self, name: str) -> SpherePacking:
-        """Read a model's usual numbers of spheres before the first request."""
-        for meets in (True, False):
-            self.shape(name, default=AUTO, meets=meets)
-        return self.shape(name)
 
 
 class ShapePacker:
@@ -224,8 +208,9 @@ class ShapePacker:
     def of_primitive(self, message, spheres: int, field: str, wait: bool = True) -> SpherePacking:
         """Return the packing of a primitive; arguments and errors are as in `of_mesh`."""
         size = read_dimensions(message, field)
-        if message.type == SolidPrimitive.SPHERE:
-            return ball(size[SolidPrimitive.SPHERE_RADIUS])
+        simple = _simple(message, size)
+        if simple is not None:
+            return simple.prefix(spheres) if spheres else simple
         try:
             vertices, triangles = _mesh(message, size)
         except InvalidMeshError as error:
@@ -347,7 +332,7 @@ class ModelTopics:
             name = request.name or packing.name or path.stem
             self._refuse_taken(name, request.replace)
             library.add(name, path)
-            library.prepare(name)
+            library.shape(name)
             return _info(library, name, path)
         limit = self._server.settings.max_spheres
         if request.spheres > limit:
@@ -389,7 +374,7 @@ class ModelTopics:
             os.close(handle)
             save_packing(file, packing)
             self._server.library.add(name, Path(file))
-            self._server.library.prepare(name)
+            self._server.library.shape(name)
             with self._lock:
                 del self._packing[name]
         except Exception as error:  # noqa: BLE001  (no mesh may end the node)
@@ -402,23 +387,28 @@ class ModelTopics:
         self._publish()
 
 
-def _mesh(message, size):
-    """Return vertices and triangles of a primitive."""
+def _simple(message, size):
+    """Return the model of a ball, box or cylinder, which no mesh is needed for; None for others."""
+    if message.type == SolidPrimitive.SPHERE:
+        return ball(size[SolidPrimitive.SPHERE_RADIUS])
     if message.type == SolidPrimitive.BOX:
-        return primitive("box", size)
+        return primitive_model("box", size=size)
+    if message.type == SolidPrimitive.CYLINDER:
+        radius, length = size[SolidPrimitive.CYLINDER_RADIUS], size[SolidPrimitive.CYLINDER_HEIGHT]
+        return primitive_model("cylinder", radius=radius, length=length)
+    return None
+
+
+def _mesh(message, size):
+    """Return vertices and triangles of a prism or a cone."""
     if message.type == SolidPrimitive.PRISM:
         polygon = np.array([(point.x, point.y) for point in message.polygon.points], float).reshape(-1, 2)
         return prism(polygon, size[SolidPrimitive.PRISM_HEIGHT])
-    radius, height = size[SolidPrimitive.CYLINDER_RADIUS], size[SolidPrimitive.CYLINDER_HEIGHT]
-    return (
-        cone(radius, height)
-        if message.type == SolidPrimitive.CONE
-        else primitive("cylinder", (radius, height))
-    )
+    return cone(size[SolidPrimitive.CONE_RADIUS], size[SolidPrimitive.CONE_HEIGHT])
 
 
 def _pack(name, vertices, triangles, spheres):
-    """Return the packing; also build its sphere tree in advance."""
+    """Return the packing of a mesh."""
     try:
         from ..shapes.mesh_pieces import hull_pieces, simple_pieces
         from ..shapes.packing import pack_solid
@@ -473,9 +463,8 @@ def packing_info(packing: SpherePacking, name: str, path: str | Path = "") -> Mo
     info.status_msg = _pieces_text(packing)
     info.volume, info.fill = float(packing.volume), float(packing.fill)
     info.bounding_radius = float(packing.bounding_radius)
-    radii = packing.radii[:, None]
-    info.bounds_min = point_message((packing.centers - radii).min(axis=0) - packing.origin)
-    info.bounds_max = point_message((packing.centers + radii).max(axis=0) - packing.origin)
+    low, high = packing.corners - packing.origin
+    info.bounds_min, info.bounds_max = point_message(low), point_message(high)
     info.mass = packing.mass or 0.0
     info.center_of_mass = point_message(-packing.origin)
     info.inertia = np.array(packing.inertia.ravel())

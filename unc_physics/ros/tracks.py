@@ -30,7 +30,6 @@ from ..scene.body_belief import BodyBelief
 from ..scene.marks import Mark
 from ..scene.origins import gaussian_at_origins
 from ..scene.scene import Scene
-from ..scene.stiffness import AUTO
 from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
 from ..tracking.measurements import PoseMeasurement
 from ..tracking.symmetry import AxialSymmetry
@@ -242,7 +241,7 @@ class Tracks:
         for name, own in grouped.items():
             if name in self._states:
                 raise DuplicateIdError("is the id of a tracked object", field="actions", value=name)
-            state = self._resolved(given[name], settings) if name in given else self._robots[name].state
+            state = given[name] if name in given else self._robots[name].state
             assert own.trajectory is not None
             read = read_scene(
                 SceneMessage(objects=[state]),
@@ -469,7 +468,7 @@ class Tracks:
                     raise LimitExceededError(
                         f"must be at most {settings.max_objects}", field="tracked objects", value=name
                     )
-                state = self._resolved(before_first(own, settings.covariance_defaults), settings)
+                state = before_first(own, settings.covariance_defaults)
                 state.id, states[name] = name, state
             except UncPhysicsError as error:
                 outcome.skipped[name] = str(error)
@@ -496,16 +495,6 @@ class Tracks:
     def _register(self, states, names):
         for name in names:
             self._states[name], self._models[name] = states[name], states[name].model
-
-    def _resolved(self, state, settings):
-        """Return an object with the number of spheres that it would have among other objects."""
-        if not state.model or state.spheres:
-            return state
-        default = AUTO if settings.integrator != "explicit" else None
-        state = copy.copy(state)
-        shape = self._library.shape(state.model, 0, state.scale, settings.max_spheres, default=default)
-        state.spheres = len(shape)
-        return state
 
     def _add(self, stamp, state, settings, skipped):
         """Add an object at the tracker's time, which is a stamp [ns]; return whether it is valid."""

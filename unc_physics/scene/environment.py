@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cache, partial
 from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
@@ -400,8 +400,3 @@ def check_element(element, field) -> None:
     if not isinstance(element, Element) or getattr(element, "shape", None) not in solids.KINDS:
         known = ", ".join(kind.__name__ for kind in ELEMENTS.values())
         raise InvalidEnvironmentError(f"must be one of {known}", field=field, value=element)
-
-
-def may_meet(bodies: int, environment: Sequence[Element]) -> bool:
-    """Whether one of so many bodies may touch something else than planes."""
-    return bodies > 1 or not all(isinstance(element, Plane) for element in environment)

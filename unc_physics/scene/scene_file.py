@@ -23,7 +23,7 @@ from ..checks.errors import (
 from ..checks.names import one_of
 from ..checks.validation import flag, integer, non_negative, number, positive
 from ..shapes.library import find_model
-from ..shapes.packing_file import SINK, load_packing
+from ..shapes.packing_file import load_packing
 from ..shapes.primitive_models import SIZES, primitive_model
 from ..spatial.layout import ERROR
 from .action_entries import read_path, read_wrenches
@@ -31,7 +31,7 @@ from .belief import Belief
 from .body import RigidBody, known_mass
 from .body_belief import MEANS, STDS, BodyBelief
 from .entries import at_field, check_keys, read_numbers, read_std
-from .environment import ELEMENTS, Element, may_meet, quantities, surface_tilt_std
+from .environment import ELEMENTS, Element, quantities, surface_tilt_std
 from .materials import Surface, check_surface
 from .physics_keys import OVERLAPS, PHYSICS_KEYS
 from .presets import EXACT_PRESETS, PRESETS, with_changes
@@ -151,8 +151,7 @@ def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
     if not isinstance(bodies, list):
         raise InvalidRequestError("must be a list", field="bodies", value=bodies)
     options, environment = physics_options(content), _environment(content.get("environment"))
-    meets = may_meet(len(bodies), environment)
-    read = [_body(body, f"bodies[{k}]", models_dir, folder, None, meets) for k, body in enumerate(bodies)]
+    read = [_body(body, f"bodies[{k}]", models_dir, folder) for k, body in enumerate(bodies)]
     rigid, mean = [body for body, _, _ in read], np.array([state for _, state, _ in read])
     options = with_chosen_stiffness(options, rigid, mean)
     pairs = [] if content.get("pairs") is None else content["pairs"]
@@ -323,11 +322,8 @@ def _surface(content, field, error: type[UncPhysicsError] = InvalidRequestError)
     return given
 
 
-def _body(content, field, models_dir, folder, spheres, meets):
-    """A body, its state (13,) and its covariance (12, 12).
-
-    ``spheres`` and ``meets`` are arguments of `load_shape`, the first one if the file gives no other.
-    """
+def _body(content, field, models_dir, folder):
+    """A body, its state (13,) and its covariance (12, 12)."""
     check_keys(content, _BODY_KEYS, field)
     _check_texts(content, field)
     fixed = content.get("fixed", False)
@@ -346,16 +342,15 @@ def _body(content, field, models_dir, folder, spheres, meets):
     com_std = read_std(com_std, f"{field}.center_of_mass_std")
     if fixed:
         _check_fixed(content, field, belief, {"mass_std": mass_std, "center_of_mass_std": com_std})
-    given = content.get("spheres")
-    spheres = spheres if given is None else given
+    spheres = content.get("spheres")
     moves = not fixed and trajectory is None
     if "shape" in content:
-        if moves and content.get("mass") is None:  # before it is packed, which takes up to half a minute
+        if moves and content.get("mass") is None:
             raise InvalidMassError("must be given for a body with a shape", field=f"{field}.mass")
-        model = _primitive(content, field, spheres, meets)
+        model = _primitive(content, field, spheres)
     else:
         model = at_field(
-            field, load_shape, content["model"], spheres, content.get("scale"), models_dir, folder, meets
+            field, load_shape, content["model"], spheres, content.get("scale"), models_dir, folder
         )
     mass = known_mass(content.get("mass"), model, not moves, f"{field}.mass")
     surface = _surface(content, field)
@@ -405,7 +400,7 @@ def _check_fixed(content, field, belief, stds):
             raise InvalidRequestError(problem, field=f"{field}.{key}", value=content[key])
 
 
-def _primitive(content, field, spheres, meets):
+def _primitive(content, field, spheres):
     """Return the model of a body with the key ``shape``: a mapping of the shape's name to its sizes."""
     for key in ("model", "scale"):
         if content.get(key) is not None:
@@ -426,7 +421,7 @@ def _primitive(content, field, spheres, meets):
         if value is not None
     }
     packing = at_field(f"{place}.{kind}", primitive_model, kind, **lengths)
-    return at_field(field, _cut, packing, *_count_and_sink(spheres, meets))
+    return at_field(field, _cut, packing, spheres)
 
 
 def _trajectory(content, field):
@@ -450,38 +445,36 @@ def _read(content, field, readers):
     }
 
 
-def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None, meets=True):
-    """Return a packing from the library or a file, cut to its first ``spheres`` and scaled.
+def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
+    """Return a packing from the library or a file, cut to its first ``spheres``, by default all, and scaled.
 
-    `AUTO` takes the fewest spheres that stand for the body (`SpherePacking.sufficient_count`); ``meets`` is
-    whether it may touch something else than planes. None takes all. The same arguments give the same object
-    while the file is unchanged, so that its sphere tree is built once.
+    The same arguments give the same object while the file is unchanged, so that its sphere tree is built
+    once.
     """
     if folder is not None and model.endswith(".npz") and not model.startswith("~"):
         model = str(Path(folder) / model)
     path = find_model(model, models_dir)
-    spheres, sink = _count_and_sink(spheres, meets)
     scale = 1.0 if scale is None else positive(scale, "scale", InvalidModelError)
-    return _cut(_load_packing(path, path.stat().st_mtime_ns), spheres, sink, scale)
+    return _cut(_load_packing(path, path.stat().st_mtime_ns), spheres, scale)
 
 
-def _count_and_sink(spheres, meets):
-    """Return the checked number of spheres, and the sink that `AUTO` allows."""
-    if isinstance(spheres, str) and spheres != AUTO:
-        raise InvalidModelError(f"must be a positive integer or '{AUTO}'", field="spheres", value=spheres)
-    if spheres is not None and spheres != AUTO:
+def _cut(packing, spheres, scale=1.0):
+    """Return the first spheres of a packing, scaled."""
+    if spheres == AUTO:
+        raise InvalidModelError(
+            f"must be a positive integer; '{AUTO}' is gone since version 0.3, whose everyday scenes use exact"
+            " shapes: leave it out",
+            field="spheres",
+            value=spheres,
+        )
+    if spheres is not None:
         spheres = integer(spheres, "spheres", low=1, error=InvalidModelError)
-    return spheres, SINK if meets and spheres == AUTO else None
+    return _cached_cut(packing, spheres, scale)
 
 
 @functools.lru_cache(maxsize=256)
-def _cut(packing, spheres, sink, scale=1.0):
-    """Return the first spheres of a packing, scaled."""
-    if spheres is None:
-        return packing.scaled(scale)
-    if spheres == AUTO:
-        spheres = packing.scaled(scale).sufficient_count(sink=sink)
-    return packing.prefix(spheres).scaled(scale)
+def _cached_cut(packing, spheres, scale):
+    return (packing if spheres is None else packing.prefix(spheres)).scaled(scale)
 
 
 @functools.lru_cache(maxsize=64)

@@ -26,7 +26,7 @@ from .ascent import Space, climb_all, place, starts_around, starts_at_surface
 from .distance import even_directions
 from .mesh_pieces import simple_pieces
 from .packing_file import ROUND_OFF, SpherePacking, spheres_reach
-from .quality import extent_losses, prefix_lengths, sinks
+from .quality import extent_losses, prefix_lengths
 from .solid_mesh import SolidMesh
 from .sphere_grid import empty_grid, grown, insert_spheres
 from .supports import SupportSpheres, support_spheres
@@ -151,7 +151,6 @@ def pack_solid(
         surface_gap=surface_gap(solid.corners, spheres),
         measured_spheres=lengths,
         extent_losses=extent_losses(solid.corners, spheres, lengths),
-        sinks=sinks(solid.corners, spheres, lengths),
         **about,
     )
 

@@ -17,11 +17,9 @@ import numpy as np
 from ..checks.errors import InvalidModelError, LimitExceededError, UncPhysicsError
 from ..checks.validation import FARTHEST, instance
 from .piece_file import KEYS, NUMBERS_LIMIT, PIECES_LIMIT, piece_entries, pieces_of_entries
-from .pieces import Balls, Hull, Lathe, Piece
+from .pieces import Balls, Hull, Lathe, Piece, box_about
 
 _PROPORTION = 1e12  # of an inertia and the square of its body's reach, to either side
-#: What few spheres may change: the extent of a body, and how far a ball of 10 mm sinks into it [m].
-EXTENT_LOSS, SINK = 0.001, 0.002
 #: Kind of the piece of a mesh that is neither convex nor cut into convex pieces.
 HULL = "hull of a mesh that is not convex"
 ROUND_OFF = 1e-9  # relative; what a file written in decimal or by another program may lose
@@ -58,12 +56,9 @@ class SpherePacking:
     surface_gap : float or None
         The farthest that a point of the mesh's surface lies from the nearest sphere [m], for these spheres.
     measured_spheres : ndarray (k,) or None
-        Numbers of first spheres for which `extent_losses` and `sinks` are known, ascending.
+        Numbers of first spheres for which `extent_losses` are known, ascending.
     extent_losses : ndarray (k,) or None
         How much farther the mesh reaches than these spheres, in the direction where that is most [m].
-    sinks : ndarray (k,) or None
-        How far a ball of 10 mm radius sinks below the mesh before it touches these spheres, where that is
-        most [m]; at most 20 mm, where it sinks in whole.
     source, licence : str or None
         Where the mesh comes from, and under which terms.
     pieces : sequence of Piece
@@ -94,7 +89,6 @@ class SpherePacking:
     surface_gap: float | None = None
     measured_spheres: np.ndarray | None = None
     extent_losses: np.ndarray | None = None
-    sinks: np.ndarray | None = None
     source: str | None = None
     licence: str | None = None
     pieces: Sequence[Piece] = ()
@@ -148,25 +142,23 @@ class SpherePacking:
         """Raise `InvalidModelError` for malformed measures, and drop measures without numbers of spheres."""
         if self.measured_spheres is None:
             self._set("extent_losses", None)
-            self._set("sinks", None)
             return
         lengths = self.measured_spheres
         if np.any(np.diff(lengths) <= 0.0) or np.any(lengths < 1.0) or np.any(lengths != np.rint(lengths)):
             raise InvalidModelError(
                 "must be positive integers, ascending", field="measured_spheres", value=lengths.tolist()
             )
-        for field in ("extent_losses", "sinks"):
-            values = getattr(self, field)
-            if values is None:
-                continue
-            if len(values) != len(lengths):
-                raise InvalidModelError(
-                    f"must have as many entries as measured_spheres, {len(lengths)}",
-                    field=field,
-                    value=values.shape,
-                )
-            if np.any(values < 0.0):
-                raise InvalidModelError("must not be negative", field=field, value=float(values.min()))
+        losses = self.extent_losses
+        if losses is None:
+            return
+        if len(losses) != len(lengths):
+            raise InvalidModelError(
+                f"must have as many entries as measured_spheres, {len(lengths)}",
+                field="extent_losses",
+                value=losses.shape,
+            )
+        if np.any(losses < 0.0):
+            raise InvalidModelError("must not be negative", field="extent_losses", value=float(losses.min()))
 
     def _set(self, field, value):
         object.__setattr__(self, field, value)
@@ -200,43 +192,13 @@ class SpherePacking:
 
         An upper bound; None where it was not measured for so few spheres.
         """
-        return self._measured(self.extent_losses)
+        losses = self.extent_losses
+        return None if losses is None or len(losses) == 0 else float(losses[-1])
 
     @property
-    def sink(self) -> float | None:
-        """How far a ball of 10 mm radius sinks below the mesh before it touches a sphere, at most [m].
-
-        An upper bound; None where it was not measured for so few spheres.
-        """
-        return self._measured(self.sinks)
-
-    def _measured(self, values):
-        """Return the last known value of a measure, an upper bound as more spheres only lower it, or None."""
-        return None if values is None or len(values) == 0 else float(values[-1])
-
-    def sufficient_count(self, loss: float = EXTENT_LOSS, sink: float | None = SINK) -> int:
-        """Return the smallest number of first spheres whose loss of extent and sink are within limits.
-
-        Parameters
-        ----------
-        loss : float
-            Largest `extent_loss` [m].
-        sink : float, optional
-            Largest `sink` [m]; None where no other packing can touch this one.
-
-        Returns
-        -------
-        int
-            At least the number of spheres before the largest one, which give the body its extent and its
-            rims. The number of all spheres if fewer are not enough, or nothing was measured.
-        """
-        lengths, losses = self.measured_spheres, self.extent_losses
-        if lengths is None or losses is None or (sink is not None and self.sinks is None):
-            return len(self)
-        enough = (losses <= loss) & (lengths >= int(self.radii.argmax()))
-        if sink is not None and self.sinks is not None:
-            enough &= self.sinks <= sink
-        return int(lengths[enough][0]) if enough.any() else len(self)
+    def corners(self) -> np.ndarray:
+        """Corners (2, 3) of the box about the pieces along the body axes [m]."""
+        return box_about(self.pieces)
 
     def prefix(self, k: int) -> SpherePacking:
         """Return the packing of the first k spheres, with the whole body's COM, inertia, volume and mass.
@@ -265,8 +227,6 @@ class SpherePacking:
     def scaled(self, s: float) -> SpherePacking:
         """Return the packing with all lengths multiplied by s; its default mass, if any, keeps the density.
 
-        In a smaller body, the scaled `sinks` are still upper bounds. In a larger one they are unknown.
-
         Raises
         ------
         InvalidModelError
@@ -284,15 +244,13 @@ class SpherePacking:
             for field, power in _POWERS.items()
             if (value := getattr(self, field)) is not None
         }
-        if scale > 1.0:
-            scaled["sinks"] = None
         if not self.has_only_spheres:
             scaled["pieces"] = tuple(piece.scaled(scale) for piece in self.pieces)
         return replace(self, **scaled)
 
 
 _VERSION = "format_version"
-_MEASURES = ("measured_spheres", "extent_losses", "sinks")
+_MEASURES = ("measured_spheres", "extent_losses")
 _LENGTHS = ("centers", "radii", "origin", "bounding_radius", "bounds", "surface_gap", "pieces_error")
 #: Powers of a length by which fields scale.
 _POWERS = dict.fromkeys((*_LENGTHS, *_MEASURES[1:]), 1) | {"inertia": 2, "volume": 3, "mass": 3}

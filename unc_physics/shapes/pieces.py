@@ -430,6 +430,36 @@ class Balls(Sequence[Piece]):
             return Balls(self._centers[k], self._radii[k])
         return ball(float(self._radii[k]), self._centers[k])
 
+    def farthest(self, directions: np.ndarray) -> np.ndarray:
+        """Return `farthest` of the balls."""
+        return (directions @ self._centers.T + self._radii).max(axis=1)
+
+
+def farthest(pieces: Sequence[Piece], directions: np.ndarray) -> np.ndarray:
+    """Return how far bounded pieces reach along unit vectors (n, 3) from the body's origin, (n,) [m]."""
+    if isinstance(pieces, Balls):
+        return pieces.farthest(directions)
+    return np.max([_reach(piece, directions) for piece in pieces], axis=0)
+
+
+def box_about(pieces: Sequence[Piece]) -> np.ndarray:
+    """Return the corners (2, 3) of the box about bounded pieces along the body axes [m]."""
+    reach = farthest(pieces, np.concatenate([np.eye(3), -np.eye(3)]))
+    return np.stack([-reach[3:], reach[:3]])
+
+
+def _reach(piece, directions):
+    if isinstance(piece, Hull):
+        return (directions @ piece.points.T).max(axis=1) + piece.rounding
+    local = directions @ piece.axes
+    across = np.hypot(local[:, 0], local[:, 1])
+    if not piece.whole:  # the arc's nearest point to the direction
+        off = np.arctan2(local[:, 1], local[:, 0]) - piece.azimuth
+        off = np.abs(np.mod(off + np.pi, 2.0 * np.pi) - np.pi)
+        across *= np.cos(np.maximum(off - piece.half_angle, 0.0))
+    corners = np.outer(across, piece.profile[:, 0]) + np.outer(local[:, 2], piece.profile[:, 1])
+    return directions @ piece.origin + corners.max(axis=1) + piece.rounding
+
 
 class PieceArrays(NamedTuple):
     """Pieces of several bodies as arrays for kernels (`columns`).

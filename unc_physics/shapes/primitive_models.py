@@ -7,7 +7,7 @@ import functools
 import hashlib
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -15,8 +15,9 @@ from ..checks.errors import InvalidModelError, NotSupportedError, UncPhysicsErro
 from ..checks.names import hint
 from ..checks.validation import FARTHEST, array, positive
 from .library import cache_dir
+from .mass_properties import mass_properties
 from .packing_file import SpherePacking, load_packing, save_packing
-from .pieces import Hull, Lathe, box, capsule, cylinder
+from .pieces import Hull, Lathe, box, box_about, capsule, cylinder
 from .pieces import ball as piece_ball
 from .primitives import primitive
 
@@ -34,9 +35,9 @@ SPHERES = 600
 def primitive_model(shape: str, **size) -> SpherePacking:
     """Return the model of a sphere, box, cylinder or capsule about its centre.
 
-    Its piece is the shape itself. So is the packing of a sphere. The others are packed with 600 spheres,
-    which needs the extra ``geometry`` and takes a minute when a size is used for the first time. Afterwards
-    the packing is read from the cache folder.
+    Its piece is the shape itself. So is the packing of a sphere. The others are packed with 600 spheres when
+    something first asks for these, as the explicit integrator does. That needs the extra ``geometry`` and
+    takes up to a minute for a new size. Afterwards the packing is read from the cache folder.
 
     Parameters
     ----------
@@ -54,8 +55,6 @@ def primitive_model(shape: str, **size) -> SpherePacking:
     ------
     InvalidModelError
         If there is no such shape, or a size is missing, unknown or not positive.
-    NotSupportedError
-        If the extra ``geometry`` is not installed.
     """
     if shape not in SIZES:
         raise InvalidModelError(f"is no shape{hint(str(shape), SIZES)}", field="shape", value=shape)
@@ -72,7 +71,7 @@ def primitive_model(shape: str, **size) -> SpherePacking:
             lengths.append(positive(value, place, InvalidModelError))
             if lengths[-1] > FARTHEST:
                 raise InvalidModelError(f"must be at most {FARTHEST:g} m", field=place, value=value)
-    return ball(lengths[0]) if shape == "sphere" else _packed(shape, tuple(lengths))
+    return ball(lengths[0]) if shape == "sphere" else _primitive(shape, tuple(lengths))
 
 
 def primitive_pieces(shape: str, lengths: Sequence[float]) -> tuple[Hull | Lathe, ...]:
@@ -95,6 +94,60 @@ def ball(radius: float) -> SpherePacking:
         bounding_radius=radius,
         pieces=primitive_pieces("sphere", [radius]),
     )
+
+
+class PrimitiveModel(SpherePacking):
+    """Model of a box, cylinder or capsule, whose spheres are packed when something first asks for them.
+
+    ``prefix`` and `dataclasses.replace` ask for them.
+    """
+
+    _lengths: tuple[float, ...] = ()
+
+    def __getattr__(self, name):
+        if name not in _OF_SPHERES or not self._lengths:
+            raise AttributeError(name)
+        packing = _packed(self.name, self._lengths)
+        for field in _OF_SPHERES:
+            object.__setattr__(self, field, getattr(packing, field))
+        return getattr(self, name)
+
+    def __repr__(self):
+        return f"PrimitiveModel({self.name!r}, {self._lengths})" if self._lengths else super().__repr__()
+
+    def scaled(self, s):
+        if not self._lengths:
+            return super().scaled(s)
+        scale = positive(s, "scale", InvalidModelError)
+        return self if scale == 1.0 else _primitive(self.name, tuple(scale * each for each in self._lengths))
+
+
+_OF_SPHERES = ("centers", "radii", "surface_gap", "measured_spheres", "extent_losses")
+
+
+@functools.lru_cache(maxsize=256)
+def _primitive(shape, lengths):
+    """Return the model of a box, cylinder or capsule with sizes in the order of `SIZES`."""
+    (piece,) = pieces = primitive_pieces(shape, lengths)
+    volume, _, inertia = mass_properties(pieces)
+    model = object.__new__(PrimitiveModel)
+    values = {one.name: one.default for one in fields(SpherePacking) if one.name not in _OF_SPHERES}
+    values |= {
+        "name": shape,
+        "inertia": inertia,
+        "volume": float(volume),
+        "origin": np.zeros(3),
+        "pieces": pieces,
+    }
+    values["bounds"] = box_about(pieces)
+    values["bounding_radius"] = float(np.linalg.norm(piece.outline(), axis=1).max() + piece.rounding)
+    if shape == "cylinder":
+        values["bounding_radius"] = float(np.hypot(lengths[0], 0.5 * lengths[1]))
+    for name, value in (values | {"_lengths": lengths}).items():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        object.__setattr__(model, name, value)
+    return model
 
 
 @functools.lru_cache(maxsize=256)

@@ -1,4 +1,4 @@
-"""Measures of the first spheres of a packing against its mesh: loss of extent, and sink of a ball."""
+"""Loss of extent of the first spheres of a packing against its mesh."""
 
 from __future__ import annotations
 
@@ -6,13 +6,9 @@ import math
 
 import numpy as np
 
-from ..compiler import kernel
 from .distance import even_directions
 from .solid_mesh import unique_rows
-from .triangle_tree import build_triangle_tree, nearest_on_mesh
 
-#: Radius of the ball whose sink is measured [m].
-PROBE = 0.010
 _STEPS = (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 7.0, 8.0, 9.0)
 _DIRECTIONS = 4096
 #: Normals of the hull that are used, at most; heights of its corners along them, all and at once (128 MB).
@@ -22,9 +18,6 @@ _IMPROVED, _FIRST_TURN, _LAST_TURN, _SHORTER = 48, 0.05, 2e-4, 0.6
 #: Points and spheres that are known near to such a direction: those that reach farthest there.
 _CANDIDATES = 64
 _TURNS = np.array([[1, 0], [0.5, 0.9], [-0.5, 0.9], [-1, 0], [-0.5, -0.9], [0.5, -0.9]])
-_PLACES = 12_000  # of the ball on the surface
-_CORNERED = 0.01  # of a triangle: how far in from its corners the ball is placed as well
-_CLEAR = 1e-6  # of the ball's radius: overlap with the mesh that is round-off
 
 
 def prefix_lengths(count: int) -> np.ndarray:
@@ -107,76 +100,6 @@ def _highest(balls, directions):
 def _extent(balls, directions):
     """Return the reach of the balls (d, k, 4) of each group in directions (d, t, 3)."""
     return (directions @ balls[:, :, :3].transpose(0, 2, 1) + balls[:, None, :, 3]).max(axis=2)
-
-
-def sinks(corners, spheres, lengths) -> np.ndarray:
-    """Return how far a ball sinks below the mesh until it touches the first spheres of a packing (k,) [m].
-
-    The ball has the radius `PROBE`. The result is the maximum over places on the surface, at most the ball's
-    diameter. The arguments are those of `extent_losses`, with corners
-    counter-clockwise as seen from outside.
-
-    Notes
-    -----
-    The ball touches the mesh from outside at places all over the surface, wherever it has room there, and is
-    pushed along the normal.
-    """
-    places, normals = _places(corners)
-    tree = build_triangle_tree(corners)
-    clear = PROBE * (1.0 - _CLEAR)
-    free = [nearest_on_mesh(tree, *(p + PROBE * n), clear)[0] >= clear for p, n in zip(places, normals)]
-    places, normals = places[free], normals[free]
-    found = np.empty(len(lengths))
-    write_sinks(places, normals, np.ascontiguousarray(spheres), np.asarray(lengths, np.int64), PROBE, found)
-    return found
-
-
-def _places(corners):
-    """Return points (p, 3) of the surface, evenly by area and near corners, and the normals there (p, 3)."""
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    double_areas = np.linalg.norm(cross, axis=1)
-    corners, cross, double_areas = (x[double_areas > 0.0] for x in (corners, cross, double_areas))
-    normals = cross / double_areas[:, None]
-    cumulative = np.cumsum(double_areas)
-    # the R2 sequence within, steps along the area
-    k = np.arange(_PLACES)
-    index = np.searchsorted(cumulative, (k + 0.5) / _PLACES * cumulative[-1]).clip(0, len(corners) - 1)
-    v, w = (0.7548776662466927 * k) % 1.0, (0.5698402909980532 * k) % 1.0
-    v, w = np.where(v + w > 1.0, 1.0 - v, v)[:, None], np.where(v + w > 1.0, 1.0 - w, w)[:, None]
-    a, b, c = corners[index].transpose(1, 0, 2)
-    middles = corners.mean(axis=1, keepdims=True)
-    step = max(1, 3 * len(corners) // _PLACES)
-    cornered = (corners + _CORNERED * (middles - corners))[::step]
-    return (
-        np.concatenate([a + v * (b - a) + w * (c - a), cornered.reshape(-1, 3)]),
-        np.concatenate([normals[index], np.repeat(normals[::step], 3, axis=0)]),
-    )
-
-
-@kernel
-def write_sinks(places, normals, spheres, lengths, radius, out):
-    """Write the maximum over places of how far a ball sinks, for each number of first spheres, to ``out``."""
-    for i in range(len(lengths)):
-        out[i] = 0.0
-    for p in range(len(places)):
-        least, begin = 2.0 * radius, 0
-        for i in range(len(lengths)):
-            for k in range(begin, lengths[i]):
-                x, y, z = (
-                    places[p, 0] - spheres[k, 0],
-                    places[p, 1] - spheres[k, 1],
-                    places[p, 2] - spheres[k, 2],
-                )
-                up = x * normals[p, 0] + y * normals[p, 1] + z * normals[p, 2]
-                reach = radius + spheres[k, 3]
-                under = reach * reach - (x * x + y * y + z * z - up * up)
-                if under > 0.0:
-                    # depth at contact; the ball never meets spheres that are wholly above its start
-                    sunk = up + radius - math.sqrt(under)
-                    if sunk < least and up + radius + math.sqrt(under) > 0.0:
-                        least = max(sunk, 0.0)
-            begin = lengths[i]
-            out[i] = max(out[i], least)
 
 
 def hull(points):

@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 from ..checks.errors import InvalidModelError
 from ..checks.validation import array
-from .packing_file import SINK, SpherePacking
+from .packing_file import SpherePacking
 from .pieces import box
-from .quality import PROBE
 
+_BALL, _SINK = 0.010, 0.002  # m: a ball of this radius sinks so far in between spheres, at most
 _MOST = 2000  # spheres, about
 _CORE = 1e-6  # share of the shortest half side that the core of the piece keeps, as a hull needs a volume
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
@@ -74,8 +74,8 @@ def rounded_box(
 
 def _between(core, radius):
     """Return centres (n, 3) on a grid over a box's surface, of half sides ``core``, without its corners."""
-    reach = PROBE + radius
-    wanted = np.sqrt(2.0 * SINK * (2.0 * reach - SINK))  # between spheres of a square: the ball sinks by SINK
+    reach = _BALL + radius
+    wanted = np.sqrt(2.0 * _SINK * (2.0 * reach - _SINK))  # between spheres of a square
     area = 8.0 * (core[0] * core[1] + core[1] * core[2] + core[2] * core[0])
     wanted = max(wanted, np.sqrt(area / _MOST))
     counts = np.minimum(np.ceil(2.0 * core / wanted), np.floor(core / radius * (1.0 + 1e-9))).astype(int)

@@ -308,9 +308,7 @@ def _object(own, frames, model, mass, field):
 
 def _middle(model):
     """Return the middle (3,) of a model's box, from its own origin along its axes [m]."""
-    radii = model.radii[:, None]
-    corners = (model.centers - radii).min(axis=0), (model.centers + radii).max(axis=0)
-    return 0.5 * (corners[0] + corners[1]) - model.origin
+    return model.corners.mean(axis=0) - model.origin
 
 
 def _gap(held, frames, field):

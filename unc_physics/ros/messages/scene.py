@@ -30,11 +30,10 @@ from ...checks.errors import (
 from ...checks.validation import FARTHEST, array, covariance, non_negative, number, point, quaternion
 from ...scene.belief import Belief
 from ...scene.body import RigidBody, known_mass, valid_mass
-from ...scene.environment import check_not_reserved, may_meet
+from ...scene.environment import check_not_reserved
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.scene import Scene
 from ...scene.scene_file import with_chosen_stiffness
-from ...scene.stiffness import AUTO
 from ...spatial.layout import (
     ANGULAR_VELOCITY,
     ERR_ANGULAR_VELOCITY,
@@ -155,18 +154,12 @@ class ObjectReader(NamedTuple):
     max_spheres : int or None
     wait : bool
         Whether to wait for a mesh that is still being packed.
-    spheres : str or None
-        Number of spheres of objects that give none, as the ``default`` of `ModelLibrary.shape`.
-    meets : bool
-        As for `load_shape`.
     """
 
     library: Any
     covariance_defaults: CovarianceDefaults
     max_spheres: int | None
     wait: bool
-    spheres: str | None
-    meets: bool
 
 
 class FieldNames(NamedTuple):
@@ -282,14 +275,7 @@ def read_scene(
     of_objects = fields.objects if fields else [f"scene.objects[{k}]" for k in range(len(objects))]
     ids = {own.id for own in objects}
     grouped = group_actions(actions, ids, fields.actions if fields else None)
-    reader = ObjectReader(
-        library,
-        covariance_defaults,
-        limits.spheres,
-        wait,
-        AUTO if physics.get("integrator", "explicit") != "explicit" else None,
-        may_meet(len(objects) + len(packed), elements),
-    )
+    reader = ObjectReader(library, covariance_defaults, limits.spheres, wait)
     read: list[ReadObject] = []
     skipped, taken = {}, set()
     for own, field in zip(objects, of_objects, strict=True):
@@ -450,14 +436,7 @@ def _shape(message, reader):
     (name,) = given_shapes(message)
     if name == "model":
         scale = number(message.scale, "scale")
-        return reader.library.shape(
-            message.model,
-            message.spheres,
-            scale,
-            reader.max_spheres,
-            default=reader.spheres,
-            meets=reader.meets,
-        )
+        return reader.library.shape(message.model, message.spheres, scale, reader.max_spheres)
     limit, packer = reader.max_spheres, reader.library.shape_packer
     if limit is not None and message.spheres > limit:
         raise LimitExceededError(f"must be at most {limit}", field="spheres", value=message.spheres)
