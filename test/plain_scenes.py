@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from unc_physics import Belief, Plane, Scene, make_propagator, predict
+from unc_physics.shapes import pieces
 from unc_physics.shapes.packing_file import SpherePacking
 
 G = 9.81
@@ -17,8 +18,8 @@ _ONE = make_propagator("monte_carlo", samples=1)
 at_steps = pytest.mark.parametrize("dt", STEPS, ids=lambda dt: f"{round(1 / dt)}Hz")
 
 
-def packing(name, centers, radii, inertia):
-    """A packing (body frame) with its inertia per unit mass."""
+def packing(name, centers, radii, inertia, **more):
+    """A packing (body frame) with its inertia per unit mass; its balls are its shape, or ``pieces``."""
     centers, radii = np.asarray(centers, float), np.asarray(radii, float)
     reach = float(np.max(np.linalg.norm(centers, axis=1) + radii))
     return SpherePacking(
@@ -29,12 +30,21 @@ def packing(name, centers, radii, inertia):
         volume=1e-3,
         origin=np.zeros(3),
         bounding_radius=reach,
+        **more,
     )
 
 
 def ball(radius):
     """A packing of a single sphere, with the inertia of a solid one."""
     return packing("ball", [[0, 0, 0]], [radius], 0.4 * radius**2 * np.eye(3))
+
+
+def box(*size):
+    """A model of a solid box, in which eight balls stand for the explicit step's spheres."""
+    a, b, c = np.square(size)
+    radius, piece = 0.5 * min(size), pieces.box(size)
+    corners = np.sign(piece.outline()) * (0.5 * np.array(size) - radius)
+    return packing("box", corners, [radius] * 8, np.diag([b + c, a + c, a + b]) / 12.0, pieces=(piece,))
 
 
 BALL = ball(0.05)

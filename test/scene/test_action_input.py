@@ -134,7 +134,7 @@ def test_propagators_that_cannot_say_so(name, integrator):
     assert sentence.startswith("propagator does not take prescribed, held or pushed bodies, nor surfaces")
     assert "monte_carlo" in sentence
     if name == "linearization":
-        assert "surfaces that move, but on the implicit and contact integrators; sigma_points" in sentence
+        assert "surfaces that move, but on the implicit integrator; sigma_points" in sentence
 
 
 def test_linearization_takes_uncertain_parameters_on_the_implicit_integrator_alone():
@@ -157,8 +157,7 @@ POSES = [{"time": 0, "position": [0, 0, 1]}, {"time": 1, "position": [0.1, 0, 1]
 
 def in_file(body=None, element=None):
     """The content of a scene file, with entries of the second body and of an element."""
-    content = {"physics": "everyday", "exact": True} | two_bodies()
-    content.pop("stiffness", None)
+    content = {"exact": True, "bodies": two_bodies()["bodies"]}
     if body is not None:
         content["bodies"][1] = {"name": "hand", "model": content["bodies"][1]["model"]} | body
     if element is not None:

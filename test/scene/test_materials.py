@@ -12,9 +12,9 @@ from unc_physics.checks.errors import (
     NotFiniteError,
     UncPhysicsError,
 )
+from unc_physics.physics.everyday.columns import FRICTION, RESTITUTION
+from unc_physics.scene.contact_world import variation
 from unc_physics.scene.material_table import MATERIALS
-from unc_physics.scene.materials import varied
-from unc_physics.scene.parameters import vary_materials
 from unc_physics.scene.scene_file import scene_from_dict
 
 NAN = float("nan")
@@ -54,29 +54,6 @@ def test_where_nothing_is_said_implicit_is_plastic_and_explicit_elastic(model):
     scene = Scene([RigidBody("a", model, 1.0)], gravity=(0.0, 0.0, 0.0), environment=[Plane()])
     np.testing.assert_array_equal(scene.materials.friction, [0.0, 0.0])
     np.testing.assert_array_equal(scene.materials.restitution, [1.0, 1.0])
-
-
-def test_uncertain_materials_vary_by_their_laws(model):
-    bodies = [
-        RigidBody("a", model, 1.0, friction=0.4, friction_std=0.05),
-        RigidBody("b", model, 1.0, restitution=0.5, restitution_std=0.2),
-    ]
-    scene = implicit(
-        bodies, [Plane(friction=0.8)], friction=0.3, friction_std=0.02, restitution=0.9, restitution_std=0.1
-    )
-    z = np.array(
-        [2.0, -1.0, 1.5, -3.0]
-    )  # the scene's friction and restitution, a's friction, b's restitution
-    found = vary_materials(scene, z)
-    np.testing.assert_allclose(
-        found.friction, [0.4 * np.exp(1.5 * 0.05 / 0.4), 0.3 * np.exp(2.0 * 0.02 / 0.3), 0.8], rtol=1e-15
-    )
-    np.testing.assert_allclose(found.restitution, [0.8, 0.0, 0.8], rtol=1e-15)  # b's is cut off
-    np.testing.assert_allclose(
-        vary_materials(scene, np.array([0.0, 5.0, 0.0, 0.0])).restitution, [1.0, 0.5, 1.0]
-    )
-    np.testing.assert_array_equal(vary_materials(scene, np.zeros(4)).friction, scene.materials.friction)
-    np.testing.assert_array_equal(scene.materials.friction, [0.4, 0.3, 0.8])  # stays as it is
 
 
 BAD = [
@@ -156,7 +133,8 @@ def test_a_material_stands_for_what_is_not_given(model):
     assert body.restitution_std == pytest.approx(2**0.5 * cardboard.restitution_std)
     body = RigidBody("a", model, 1.0, material="cardboard", friction=0.4)
     assert (body.friction, body.friction_std) == (0.4, 0.0) and body.restitution == cardboard.restitution
-    content = CONTENTS["two_bodies"]() | {"physics": "everyday", "stiffness": "auto", "environment": [FLOOR]}
+    content = CONTENTS["two_bodies"]() | {"physics": "everyday", "environment": [FLOOR]}
+    del content["stiffness"]
     content["bodies"][0]["material"] = "wood"
     content["environment"] = [FLOOR | {"material": "steel", "restitution": {"mean": 0.2, "std": 0.05}}]
     scene = scene_from_dict(content).scene
@@ -169,21 +147,19 @@ def test_a_material_stands_for_what_is_not_given(model):
 @pytest.mark.parametrize("name", MATERIALS)
 def test_a_contact_of_two_surfaces_of_a_material_varies_as_the_table_says(model, name):
     """Each surface has its own draw, and the contact the geometric mean of both."""
-    body, material = RigidBody("a", model, 1.0, material=name), MATERIALS[name]
-    draws = np.random.default_rng(1).standard_normal((2, 4000))
-    friction = [[varied("friction", body.friction, body.friction_std, z) for z in side] for side in draws]
-    assert np.sqrt(np.prod(friction, axis=0)).std() == pytest.approx(material.friction_std, rel=0.1)
-    restitution = [
-        [varied("restitution", body.restitution, body.restitution_std, z) for z in side] for side in draws
-    ]
-    assert np.sqrt(np.prod(restitution, axis=0)).std() == pytest.approx(material.restitution_std, rel=0.35)
+    scene, material = implicit([RigidBody(k, model, 1.0, material=name) for k in "ab"]), MATERIALS[name]
+    draws = np.random.default_rng(1).standard_normal((4000, len(scene.uncertain)))
+    of_surfaces = variation(scene, draws).materials
+    friction, restitution = np.sqrt(of_surfaces[:, [FRICTION, RESTITUTION]].prod(axis=2)).T
+    assert friction.std() == pytest.approx(material.friction_std, rel=0.1)
+    assert restitution.std() == pytest.approx(material.restitution_std, rel=0.35)
 
 
 @pytest.mark.parametrize("name", ["cardbord", "", 3])
 def test_an_unknown_material_is_refused(model, name):
     with pytest.raises(InvalidRequestError, match="material of body 'a' must be one of aluminum, cardboard"):
         RigidBody("a", model, 1.0, material=name)
-    content = CONTENTS["two_bodies"]() | {"environment": [FLOOR | {"material": name}]}
+    content = {"environment": [FLOOR | {"material": name}], "bodies": CONTENTS["two_bodies"]()["bodies"]}
     with pytest.raises(InvalidEnvironmentError, match=r"environment\[0\].material must be one of"):
         scene_from_dict(content)
 

@@ -9,7 +9,7 @@ from unc_physics import load_model, load_scene
 from unc_physics.checks.errors import InvalidModelError
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
 from unc_physics.scene.physics_keys import PHYSICS_KEYS
-from unc_physics.scene.scene_file import PRESET, scene_from_dict
+from unc_physics.scene.scene_file import scene_from_dict
 
 TURNED = [0.0, 0.0, 0.6, 0.8]
 FLOOR = {"plane": {"normal": [0, 0, 1], "offset": -3.0}}
@@ -54,7 +54,7 @@ NULLABLE = [key for key in PHYSICS_KEYS if key != "overlap"]  # whose null would
     "entries",
     [
         {},
-        dict.fromkeys((PRESET, *NULLABLE, "environment", "common_pose_std", "common_pose_origin")),
+        dict.fromkeys((*NULLABLE, "environment", "common_pose_std", "common_pose_origin")),
         {"environment": []},
     ],
 )
@@ -69,42 +69,42 @@ def test_what_a_file_does_not_name_is_not_there(entries):
 
 
 def test_uncertain_parameters():
-    content = CONTENTS["two_bodies"]() | {
-        "integrator": "implicit",
+    """Each surface has its own draw, of the scene's spread of a contact where it has no value."""
+    content = CONTENTS["everyday"]() | {
         "friction": 0.4,
         "friction_std": 0.05,
-        "restitution": 0.5,
-        "restitution_std": 0.1,
-        "stiffness_std": 100,
-        "gravity": [0, 0, -9.81],
+        "restitution": {"mean": 0.5, "std": 0.1},
         "gravity_direction_std": 0.02,
     }
     content["bodies"][0] |= {"friction": 0.3, "friction_std": 0.1, "restitution": None}
     content["bodies"][1] |= {"mass_std": 0.05, "center_of_mass_std": [0.0, 0.01, 0.02]}
-    content["environment"] = [FLOOR | {"name": "floor", "restitution": {"mean": 0.7, "std": 0.2}}]
+    content["environment"] = [FLOOR | {"restitution": {"mean": 0.7, "std": 0.2}, "surface_tilt_std": 0.01}]
     scene = scene_from_dict(content).scene
     np.testing.assert_array_equal(scene.materials.friction, [0.3, 0.4, 0.4])
     np.testing.assert_array_equal(scene.materials.restitution, [0.5, 0.5, 0.7])
     found = {(parameter.name, parameter.body, parameter.axis): parameter.std for parameter in scene.uncertain}
     assert found == {
-        ("stiffness", -1, 0): 100.0,
-        ("friction", -1, 0): 0.05,
-        ("restitution", -1, 0): 0.1,
         ("gravity_direction", -1, 0): 0.02,
         ("gravity_direction", -1, 1): 0.02,
-        ("friction", 0, 0): 0.1,
-        ("restitution", 2, 0): 0.2,
         ("mass", 1, 0): 0.05,
         ("center_of_mass", 1, 1): 0.01,
         ("center_of_mass", 1, 2): 0.02,
+        ("friction", 0, 0): 0.1,
+        ("restitution", 0, 0): pytest.approx(0.1 * 2**0.5),
+        ("friction", 1, 0): pytest.approx(0.05 * 2**0.5),
+        ("restitution", 1, 0): pytest.approx(0.1 * 2**0.5),
+        ("friction", 2, 0): pytest.approx(0.05 * 2**0.5),
+        ("restitution", 2, 0): 0.2,
+        ("surface_tilt", 2, 0): 0.01,
+        ("surface_tilt", 2, 1): 0.01,
     }
 
 
 def test_overlap_is_projected_away_by_the_implicit_step_alone():
-    assert scene_with(integrator="implicit").overlap == "project"
-    assert scene_with().overlap == "keep"
-    assert scene_with(overlap="keep").overlap == "keep"
-    assert scene_with(integrator="implicit", overlap="reject").overlap == "reject"
+    everyday = CONTENTS["everyday"]()
+    assert scene_from_dict(everyday).scene.overlap == "project"
+    assert scene_with().overlap == scene_with(overlap="keep").overlap == "keep"
+    assert scene_from_dict(everyday | {"overlap": "reject"}).scene.overlap == "reject"
 
 
 def test_bodies_at_rest():
@@ -132,24 +132,24 @@ def test_an_error_that_all_bodies_share(origin):
 
 
 def spheres_of(**content):
+    """Numbers of spheres of a scene's bodies, by default of one salt box."""
     scene = scene_from_dict({"bodies": [{"name": "a", "model": "salt_box"}], **content}).scene
     return [len(body.model) for body in scene.bodies]
 
 
-def test_everyday_scenes_take_as_many_spheres_as_are_needed():
+def test_auto_takes_as_many_spheres_as_are_needed():
     model = load_model("salt_box")
     plane, ball = {"plane": {"normal": [0, 0, 1]}}, {"sphere": {"radius": 0.1, "position": [0, 0, -0.1]}}
     alone, meeting = model.sufficient_count(sink=None), model.sufficient_count()
     assert alone < meeting < len(model)
-    assert spheres_of(physics="everyday", environment=[plane]) == [alone]
-    assert spheres_of(physics="everyday", environment=[plane, ball]) == [meeting]
-    two = [{"name": name, "model": "salt_box", "position": [x, 0, 0]} for name, x in (("a", 0), ("b", 1))]
-    assert spheres_of(physics="everyday", bodies=two) == [meeting, meeting]
-    assert spheres_of(physics="paper") == spheres_of() == [len(model)]
-    told = [{"name": "a", "model": "salt_box", "spheres": "auto"}]
-    assert spheres_of(physics="paper", bodies=told) == [alone]
-    told[0]["spheres"] = 123
-    assert spheres_of(physics="everyday", bodies=told) == [123]
+    auto = [{"name": "a", "model": "salt_box", "spheres": "auto"}]
+    assert spheres_of(bodies=auto, environment=[plane]) == spheres_of(physics="paper", bodies=auto) == [alone]
+    assert spheres_of(bodies=auto, environment=[plane, ball]) == [meeting]
+    two = [auto[0] | {"name": name, "position": [x, 0, 0]} for name, x in (("a", 0), ("b", 1))]
+    assert spheres_of(bodies=two) == [meeting, meeting]
+    assert spheres_of() == spheres_of(physics="paper") == [len(model)]
+    auto[0]["spheres"] = 123
+    assert spheres_of(bodies=auto) == [123]
 
 
 def test_auto_counts_the_spheres_of_the_scaled_body():

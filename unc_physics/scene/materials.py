@@ -154,13 +154,6 @@ def combined(shared, surfaces, restitution) -> Materials:
     return Materials(of_all("friction", 0.0), of_all("restitution", restitution))
 
 
-def varied(name, value, std, z) -> float:
-    """Return a friction or a restitution ``z`` standard deviations from its value."""
-    if name == "friction":
-        return float(value * np.exp(z * std / value))
-    return min(max(value + z * std, 0.0), 1.0)
-
-
 def _first(*values):
     """Return the first of several values that is not None."""
     return next(value for value in values if value is not None)

@@ -198,7 +198,8 @@ def physics_options(content) -> dict:
     found = with_changes(preset(name, False if exact is None else flag(exact, EXACT)), given)
     if found.get("stiffness") == AUTO and found.get("integrator") == "implicit":
         raise InvalidOptionError(
-            "must be absent with 'integrator: implicit', whose contacts are rigid",
+            "must be absent with 'integrator: implicit', whose contacts are rigid; the paper's 'explicit' has"
+            " it",
             field="stiffness",
             value=AUTO,
         )
