@@ -27,12 +27,15 @@ from ...shapes.support import core_point, gap_along, unit
 from ...spatial.rotation import cross
 from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
+    ARM_A,
+    ARM_B,
     ARM_BEFORE,
     BELT_U,
     BELT_W,
     BEND,
     BODY_A,
     BODY_B,
+    BY_NORMAL,
     CENTRE,
     CLEAR,
     DRIFT,
@@ -49,13 +52,9 @@ from .columns import (
     GAP,
     GAP0,
     GHOST,
-    IA,
-    IB,
     IMASS,
     IMPULSE,
     IWORLD,
-    JA,
-    JB,
     K11,
     K12,
     K22,
@@ -124,6 +123,7 @@ from .columns import (
 )
 from .motion import back, roll_arm, roll_axis, symmetric_times, turn, turned, write
 from .search import FULL, line_up, meet, place, reaches, shoves
+from .solve import closing, parting
 
 # Cosines of the most by which a rim's point travels; where it is more the point stays on the body.
 NEARBY = 0.7  # an eighth of the circle
@@ -570,23 +570,42 @@ def _parting(C, k, Y, ra, rb):
 
 
 @inner
-def approach(C, k, Y, h):
-    """Fill the gap as it looks for the next h, and BEND; return the normal speed of b, and the gap."""
-    ra, rb, d = levers(C, k, Y, 0.0, NEARBY)
-    now = C[k, GAP0] + d
-    C[k, GAP] = now
-    sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
-    u = _parting(C, k, Y, plus(ra, sa), plus(rb, sb))
-    if C[k, POINTED] > 0.0:
-        _aim(C, k, apart)
-        C[k, GAP], now = _passing(C, k, apart, minus(u, times(dot(u, e), e)), h)
+def approach(C, k, Y, h, moved):
+    """Fill the gap as it looks for the next h, and BEND; return the normal speed of b, and the gap.
+
+    Unless bodies have ``moved`` only their velocities are new.
+    """
+    u = (0.0, 0.0, 0.0)
+    if moved or C[k, POINTED] > 0.0:
+        ra, rb, d = levers(C, k, Y, 0.0, NEARBY)
+        C[k, GAP] = C[k, GAP0] + d
+        sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
+        ra, rb = plus(ra, sa), plus(rb, sb)
+        if C[k, POINTED] > 0.0:
+            _aim(C, k, apart)
+            u = _parting(C, k, Y, ra, rb)
+            u = minus(u, times(dot(u, e), e))
+        _place_arms(C, k, ra, rb)
+        write(C, k, SURFACE_U, three(C, k, BELT_U))
+        if C[k, POINTED] > 0.0:
+            C[k, GAP], now = _passing(C, k, apart, u, h)
+            C[k, BEND] = 0.0
+            return dot(three(C, k, NORMAL), u) - C[k, BELT_U], now
+    speed = closing(Y, C, k)
+    C[k, BEND] = _bend(C, k, Y, speed + C[k, BELT_U], h)
+    return speed, C[k, GAP]
+
+
+@inner
+def _place_arms(C, k, ra, rb):
+    """Note where impulses act: on the surfaces, at the levers of the cores."""
     n = three(C, k, NORMAL)
-    C[k, BEND] = _bend(C, k, Y, dot(n, u), d, h) if C[k, POINTED] == 0.0 else 0.0
-    return dot(n, u) - C[k, BELT_U], now
+    write(C, k, ARM_A, plus(ra, times(C[k, RHO_A], n)))
+    write(C, k, ARM_B, minus(rb, times(C[k, RHO_B], n)))
 
 
 @inner(error_model="numpy")
-def _bend(C, k, Y, u, d, h):
+def _bend(C, k, Y, u, h):
     """Return the acceleration of the gap by turns; zero where it changes the gap little within h."""
     a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
     wa, wb = three(Y, a, SPIN), three(Y, b, SPIN)
@@ -597,79 +616,90 @@ def _bend(C, k, Y, u, d, h):
         return 0.0
     v = minus(three(Y, b, VEL), three(Y, a, VEL))
     _, _, then = levers(C, k, Y, h, ANYWHERE)
-    return 2.0 * (then - d + h * (dot(three(C, k, NORMAL), v) - u)) / (h * h)
+    return 2.0 * (then - (C[k, GAP] - C[k, GAP0]) + h * (dot(three(C, k, NORMAL), v) - u)) / (h * h)
 
 
 @inner
-def _moments(C, k, J, I, r, Y, i):
-    """Fill lever x directions and the changes of spin that unit impulses make; return the compliances."""
-    n, t1, t2 = three(C, k, NORMAL), three(C, k, TAN1), three(C, k, TAN2)
-    jn, jt, jw = cross(r, n), cross(r, t1), cross(r, t2)
-    i_n, it = symmetric_times(Y, i, IWORLD, jn), symmetric_times(Y, i, IWORLD, jt)
-    iw = symmetric_times(Y, i, IWORLD, jw)
-    write(C, k, J, jn)
-    write(C, k, J + 3, jt)
-    write(C, k, J + 6, jw)
-    write(C, k, I, i_n)
-    write(C, k, I + 3, it)
-    write(C, k, I + 6, iw)
-    return dot(jn, i_n), dot(jt, it), dot(jt, iw), dot(jw, iw)
+def _change(Y, i, r, axle, t):
+    """Return how a core's lever changes within t; with an ``axle`` its turn about that does not move it."""
+    d = times(t, three(Y, i, SPIN))
+    if not axle:
+        return minus(turned(r, d), r)
+    arm = roll_arm(Y, i)
+    return minus(plus(turned(arm, d), turned(minus(r, arm), _across(Y, i, d))), r)
 
 
 @inner(noinline=True, error_model="numpy")
 def spread(C, k, Y, t):
-    """Fill moments and masses for the points now, and what is missing to their velocities at t from now.
+    """Fill arms and masses for the points now, and what is missing to their velocities at t from now.
 
     Impulses act where the points are in the middle of a substep and stop them at its end: thus they do no
     work on what rolls.
     """
     a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
     ra, rb, _ = levers(C, k, Y, 0.0, NEARBY)
-    more, two, bend = (0.0, 0.0, 0.0), Y[a, IMASS] > 0.0, 0.0
+    more, bend = (0.0, 0.0, 0.0), 0.0
     sa, sb, d, e = _points(C, k, Y, ra, rb, False)
-    ra, rb = plus(ra, sa), plus(rb, sb)
+    pa, pb = plus(ra, sa), plus(rb, sb)
     if C[k, POINTED] > 0.0 and _aim(C, k, d):  # the normal turns on until t
-        u = _parting(C, k, Y, ra, rb)
+        u = _parting(C, k, Y, pa, pb)
         u = minus(u, times(dot(u, e), e))
         end = plus(d, times(t, u))
         bend = dot(end, u) / (math.sqrt(dot(end, end)) + 1e-300) - dot(three(C, k, NORMAL), u)
     n = three(C, k, NORMAL)
-    ea = ra
+    _place_arms(C, k, pa, pb)
     if t > 0.0:
         if C[k, GAP] > 0.0:  # what only swings down at the end does not close all the gap by then
             C[k, GAP] += 2.0 * t * t * max(-C[k, BEND], 0.0)
-        ea, eb, _ = levers(C, k, Y, t, NEARBY)
-        ea, eb = plus(ea, sa), plus(eb, sb)
-        more = plus(cross(three(Y, b, SPIN), minus(eb, rb)), times(t, cross(three(Y, b, FREE_W), rb)))
-        more = plus(more, times(bend, n))
-        if two:
-            change = times(t, cross(three(Y, a, FREE_W), ra))
-            more = minus(more, plus(cross(three(Y, a, SPIN), minus(ea, ra)), change))
-    ra, rb = plus(ra, times(C[k, RHO_A], n)), minus(rb, times(C[k, RHO_B], n))
-    if t > 0.0 and C[k, FACE_OF] > 0.0:  # the point slides over a face that turns
-        i = a if C[k, FACE_OF] == 1.0 else b
-        u = plus(three(Y, b, VEL), cross(three(Y, b, SPIN), rb))
-        u = minus(u, plus(three(Y, a, VEL), cross(three(Y, a, SPIN), ra)))
-        more = minus(more, times(2.0 * t, cross(three(Y, i, SPIN), u)))
-    if Y[a, DRIVEN] > 0.0:  # its surface goes on with it under what lies on a face, on rollers it does not
-        w = three(Y, a, SPIN)
-        on = turned(ra, times(t, w)) if C[k, FACE_OF] == 1.0 else plus(ea, times(C[k, RHO_A], n))
-        more = minus(more, cross(w, on))
+        if C[k, RIM_A] > 0.0 or C[k, RIM_B] > 0.0:
+            ea, eb, _ = levers(C, k, Y, t, NEARBY)
+            ea, eb = minus(ea, ra), minus(eb, rb)
+        else:
+            eb = _change(Y, b, pb, C[k, LATHE_B] > 0.0, t)
+            ea = (0.0, 0.0, 0.0)
+            if Y[a, IMASS] > 0.0 or Y[a, DRIVEN] > 0.0:
+                ea = _change(Y, a, pa, C[k, LATHE_A] > 0.0, t)
+        wa = three(Y, a, SPIN)
+        if Y[a, DRIVEN] > 0.0 and C[k, FACE_OF] == 1.0:  # a table, unlike a roller, takes on what lies on it
+            arm = three(C, k, ARM_A)
+            ea = minus(turned(arm, times(t, wa)), arm)
+        more = plus(cross(three(Y, b, SPIN), eb), times(t, cross(three(Y, b, FREE_W), pb)))
+        more = minus(plus(more, times(bend, n)), cross(wa, ea))
+        if Y[a, IMASS] > 0.0:
+            more = minus(more, times(t, cross(three(Y, a, FREE_W), pa)))
+        if C[k, FACE_OF] > 0.0:  # the point slides over a face that turns
+            i = a if C[k, FACE_OF] == 1.0 else b
+            more = minus(more, times(2.0 * t, cross(three(Y, i, SPIN), parting(Y, C, k))))
     given = dot(more, n), dot(more, three(C, k, TAN1)), dot(more, three(C, k, TAN2))
     write(C, k, SURFACE_U, minus(three(C, k, BELT_U), given))
-    masses(C, k, Y, ra, rb)
+    masses(C, k, Y)
+
+
+@inner
+def _compliance(C, k, r, Y, i):
+    """Return the speeds at the arm r that unit impulses make by spin: nn, n1, n2, 11, 12, 22."""
+    n, t1, t2 = cross(r, three(C, k, NORMAL)), cross(r, three(C, k, TAN1)), cross(r, three(C, k, TAN2))
+    i_n, i_1 = symmetric_times(Y, i, IWORLD, n), symmetric_times(Y, i, IWORLD, t1)
+    return (
+        dot(n, i_n),
+        dot(t1, i_n),
+        dot(t2, i_n),
+        dot(t1, i_1),
+        dot(t2, i_1),
+        dot(t2, symmetric_times(Y, i, IWORLD, t2)),
+    )
 
 
 @inner(error_model="numpy")
-def masses(C, k, Y, ra, rb):
-    """Fill moments and effective masses for levers of the surfaces' points."""
+def masses(C, k, Y):
+    """Fill effective masses for where impulses act now."""
     a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
     m = Y[a, IMASS] + Y[b, IMASS]
-    nn, tt, tw, ww = _moments(C, k, JB, IB, rb, Y, b)
+    nn, n1, n2, tt, tw, ww = _compliance(C, k, three(C, k, ARM_B), Y, b)
     if Y[a, IMASS] > 0.0:
-        na, ta, xa, wa = _moments(C, k, JA, IA, ra, Y, a)
-        nn, tt, tw, ww = nn + na, tt + ta, tw + xa, ww + wa
-    C[k, MASS_N] = 1.0 / (m + nn)
+        na, a1, a2, ta, xa, wa = _compliance(C, k, three(C, k, ARM_A), Y, a)
+        nn, n1, n2, tt, tw, ww = nn + na, n1 + a1, n2 + a2, tt + ta, tw + xa, ww + wa
+    C[k, MASS_N], C[k, BY_NORMAL], C[k, BY_NORMAL + 1] = 1.0 / (m + nn), n1, n2
     k11, k22 = m + tt, m + ww
     det = 1.0 / (k11 * k22 - tw * tw)
     C[k, K11], C[k, K12], C[k, K22] = k22 * det, -tw * det, k11 * det
@@ -677,8 +707,8 @@ def masses(C, k, Y, ra, rb):
     if C[k, TWIST] > 0.0 or C[k, ROLL] > 0.0:
         C[k, EASE_N] = _ease(Y, C, k, three(C, k, NORMAL))
         C[k, EASE_T] = _ease(Y, C, k, three(C, k, TAN1)) + _ease(Y, C, k, three(C, k, TAN2))
-        u, v = three(C, k, JB + 3), three(C, k, JB + 6)
-        C[k, ROLL_SPEED] = C[k, EASE_T] * math.sqrt(dot(u, u) + dot(v, v))
+        r, n = three(C, k, ARM_B), three(C, k, NORMAL)
+        C[k, ROLL_SPEED] = C[k, EASE_T] * math.sqrt(dot(r, r) + dot(r, n) ** 2)
 
 
 @inner

@@ -7,17 +7,17 @@ contradicts its impulses.
 import math
 
 from ...compiler import inner
-from ...spatial.vectors import dot, minus, three
+from ...spatial.rotation import cross
+from ...spatial.vectors import dot, three
 from .columns import (
+    ARM_A,
+    ARM_B,
     BEFORE,
     BODY_A,
     BODY_B,
     GAP,
-    IA,
-    IB,
     IMASS,
-    JA,
-    JB,
+    IWORLD,
     L1,
     L2,
     LN,
@@ -28,11 +28,13 @@ from .columns import (
     PUSH_W,
     SPIN,
     SURFACE_U,
+    TAN1,
+    TAN2,
     UNKNOWNS,
     VEL,
 )
-from .motion import write
-from .solve import HOLDS, closing, kick
+from .motion import symmetric_times, write
+from .solve import HOLDS, closing, kick, parting
 
 OPEN, STICKS, SLIDES = 0.0, 1.0, 2.0  # MODE of a contact in the direct solution
 _STICKING = 0.999  # share of the cone below which a contact begins as sticking
@@ -42,18 +44,26 @@ _PULL, _ABOVE, _CLOSES = 1e-9, 1e-9, 1e-7  # round-off of impulses, of the cone,
 
 
 @inner
+def _of_body(Y, i, C, j, at, x, k, by, y):
+    """Return the part of `_effect` of body i, with the arms in column ``at`` of j and column ``by`` of k."""
+    e, f = three(C, j, NORMAL + 3 * x), three(C, k, NORMAL + 3 * y)
+    spin = symmetric_times(Y, i, IWORLD, cross(three(C, k, by), f))
+    return Y[i, IMASS] * dot(e, f) + dot(cross(three(C, j, at), e), spin) if Y[i, IMASS] > 0.0 else 0.0
+
+
+@inner
 def _effect(C, j, k, x, y, Y):
     """Return the speed along direction x at contact j by a unit impulse along direction y at contact k."""
     aj, bj, ak, bk = int(C[j, BODY_A]), int(C[j, BODY_B]), int(C[k, BODY_A]), int(C[k, BODY_B])
-    g, d = 0.0, dot(three(C, j, NORMAL + 3 * x), three(C, k, NORMAL + 3 * y))
+    g = 0.0
     if bj == bk:
-        g += d * Y[bj, IMASS] + dot(three(C, j, JB + 3 * x), three(C, k, IB + 3 * y))
-    if aj == ak and Y[aj, IMASS] > 0.0:
-        g += d * Y[aj, IMASS] + dot(three(C, j, JA + 3 * x), three(C, k, IA + 3 * y))
+        g += _of_body(Y, bj, C, j, ARM_B, x, k, ARM_B, y)
+    if aj == ak:
+        g += _of_body(Y, aj, C, j, ARM_A, x, k, ARM_A, y)
     if bj == ak:
-        g -= d * Y[bj, IMASS] + dot(three(C, j, JB + 3 * x), three(C, k, IA + 3 * y))
+        g -= _of_body(Y, bj, C, j, ARM_B, x, k, ARM_A, y)
     if aj == bk:
-        g -= d * Y[aj, IMASS] + dot(three(C, j, JA + 3 * x), three(C, k, IB + 3 * y))
+        g -= _of_body(Y, aj, C, j, ARM_A, x, k, ARM_B, y)
     return g
 
 
@@ -61,15 +71,6 @@ def _effect(C, j, k, x, y, Y):
 def _along(C, k):
     """Return the tangential impulse of a contact."""
     return math.sqrt(C[k, L1] * C[k, L1] + C[k, L2] * C[k, L2])
-
-
-@inner
-def _slip(C, k, x, Y):
-    """Return the speed of b relative to a along a tangent, 1 or 2."""
-    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-    u = dot(three(C, k, NORMAL + 3 * x), minus(three(Y, b, VEL), three(Y, a, VEL))) - C[k, SURFACE_U + x]
-    u += dot(three(C, k, JB + 3 * x), three(Y, b, SPIN))
-    return u - dot(three(C, k, JA + 3 * x), three(Y, a, SPIN)) if Y[a, IMASS] > 0.0 else u
 
 
 @inner(noinline=True, error_model="numpy")
@@ -84,7 +85,11 @@ def _violation(first, last, C, Y, h):
         u = closing(Y, C, k) + max(C[k, GAP], 0.0) / h
         most = max(most, abs(u) if C[k, LN] > 0.0 else -u)
         if C[k, LN] > 0.0 and C[k, MU] > 0.0:
-            x, y, t = _slip(C, k, 1, Y), _slip(C, k, 2, Y), _along(C, k)
+            v, t = parting(Y, C, k), _along(C, k)
+            x, y = (
+                dot(three(C, k, TAN1), v) - C[k, SURFACE_U + 1],
+                dot(three(C, k, TAN2), v) - C[k, SURFACE_U + 2],
+            )
             if t < _STICKING * C[k, MU] * C[k, LN]:
                 most = max(most, math.sqrt(x * x + y * y))
             else:
@@ -109,13 +114,9 @@ def _equations(first, last, C, Y, h, A):
     for j in range(first, last):
         if C[j, MODE] == OPEN:
             continue
-        r, a, b = int(A[UNKNOWNS, j - first]), int(C[j, BODY_A]), int(C[j, BODY_B])
-        w = minus(three(Y, b, VEL), three(Y, a, VEL))
+        r, v = int(A[UNKNOWNS, j - first]), parting(Y, C, j)
         for x in range(3 if C[j, MODE] == STICKS else 1):
-            u = dot(three(C, j, NORMAL + 3 * x), w) + dot(three(C, j, JB + 3 * x), three(Y, b, SPIN))
-            u -= C[j, SURFACE_U + x]
-            if Y[a, IMASS] > 0.0:
-                u -= dot(three(C, j, JA + 3 * x), three(Y, a, SPIN))
+            u = dot(three(C, j, NORMAL + 3 * x), v) - C[j, SURFACE_U + x]
             if x == 0:
                 u += max(C[j, GAP], 0.0) / h
             A[r + x, UNKNOWNS] = -u

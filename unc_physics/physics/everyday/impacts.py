@@ -7,6 +7,8 @@ from ...spatial.random import combine, two_normals
 from ...spatial.rotation import cross
 from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
+    ARM_A,
+    ARM_B,
     BODY_A,
     BODY_B,
     BOUNCE,
@@ -27,8 +29,6 @@ from .columns import (
     PART,
     POINT_ERROR,
     REBOUND,
-    RHO_A,
-    RHO_B,
     SAVED,
     SLIPPERINESS,
     SLOW,
@@ -40,7 +40,7 @@ from .columns import (
     TOLERANCE,
     E,
 )
-from .contacts import NEARBY, levers, masses, note, spread
+from .contacts import masses, note, spread
 from .motion import write
 from .solve import HOLDS, PARTS, WAITS, closing, sweep
 
@@ -86,11 +86,10 @@ def _disturb(first, last, C, Y, par, key):
     f, _ = two_normals(own, 3)
     turn, shift = times(par[DIRECTION_ERROR], (x, y, z)), times(par[POINT_ERROR], (p, q, r))
     for k in range(first, last):
-        ra, rb, _ = levers(C, k, Y, 0.0, NEARBY)
         n = three(C, k, NORMAL)
         along = minus(shift, times(dot(n, shift), n))
-        ra = plus(plus(ra, times(C[k, RHO_A], n)), along)
-        rb = plus(minus(rb, times(C[k, RHO_B], n)), along)
+        write(C, k, ARM_A, plus(three(C, k, ARM_A), along))
+        write(C, k, ARM_B, plus(three(C, k, ARM_B), along))
         given = (0.0, 0.0, 0.0)
         for at in range(3):
             d = three(C, k, NORMAL + 3 * at)
@@ -99,7 +98,7 @@ def _disturb(first, last, C, Y, par, key):
             write(C, k, NORMAL + 3 * at, _rotated(d, turn))
         for at in range(3):
             C[k, SURFACE_U + at] = dot(given, three(C, k, NORMAL + 3 * at))
-        masses(C, k, Y, ra, rb)
+        masses(C, k, Y)
         C[k, MU] *= math.exp(par[MU_ERROR] * f)
 
 
@@ -140,6 +139,8 @@ def impacts(start, end, C, Y, par, key, count):
             if hit:
                 again = True
                 count[IMPACTS] += 1
+                for k in range(first, last):
+                    masses(C, k, Y)
                 if errors:
                     _disturb(first, last, C, Y, par, key)
                 for k in range(first, last):

@@ -3,25 +3,25 @@
 import math
 
 from ...compiler import inner
+from ...spatial.rotation import cross
 from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
     ACCEL,
+    ARM_A,
+    ARM_B,
     BEFORE,
     BELT_W,
     BODY_A,
     BODY_B,
+    BY_NORMAL,
     EASE_N,
     EASE_T,
     EXTRAPOLATE,
     FARTHEST,
     FEW_SWEEPS,
     GAP,
-    IA,
-    IB,
     IMASS,
     IWORLD,
-    JA,
-    JB,
     K11,
     K12,
     K22,
@@ -60,24 +60,40 @@ _PAID = 0.1  # most of the energy of motion that goes into depth in a substep
 HOLDS, PARTS, WAITS = 0.0, 1.0, 2.0  # MODE: closes its gap at most; parts at REBOUND; takes no part
 
 
+@inner(forceinline=True)
+def parting(Y, C, k):
+    """Return the velocity of b relative to a where a contact's impulses act."""
+    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+    u = plus(three(Y, b, VEL), cross(three(Y, b, SPIN), three(C, k, ARM_B)))
+    return minus(u, plus(three(Y, a, VEL), cross(three(Y, a, SPIN), three(C, k, ARM_A))))
+
+
 @inner
-def _spin_by(C, k, I, ln, l1, l2):
-    """Return the change of spin by impulses along normal and tangents."""
-    both = plus(times(ln, three(C, k, I)), times(l1, three(C, k, I + 3)))
-    return plus(both, times(l2, three(C, k, I + 6)))
+def closing(Y, C, k):
+    """Return the normal speed of b relative to a at a contact."""
+    return dot(three(C, k, NORMAL), parting(Y, C, k)) - C[k, SURFACE_U]
+
+
+@inner(forceinline=True)
+def push(Y, C, k, f, v, w):
+    """Apply an impulse to the velocities in columns v and w on."""
+    a, b, rb = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, ARM_B)
+    vb, wb = times(Y[b, IMASS], f), symmetric_times(Y, b, IWORLD, cross(rb, f))
+    if Y[a, IMASS] > 0.0:
+        va, wa = times(Y[a, IMASS], f), symmetric_times(Y, a, IWORLD, cross(three(C, k, ARM_A), f))
+        va, wa = minus(three(Y, a, v), va), minus(three(Y, a, w), wa)
+        write(Y, a, v, va)
+        write(Y, a, w, wa)
+    vb, wb = plus(three(Y, b, v), vb), plus(three(Y, b, w), wb)
+    write(Y, b, v, vb)
+    write(Y, b, w, wb)
 
 
 @inner
 def kick(Y, C, k, ln, l1, l2):
     """Apply impulses along the normal and the tangents."""
-    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
     f = plus(times(ln, three(C, k, NORMAL)), times(l1, three(C, k, TAN1)))
-    f = plus(f, times(l2, three(C, k, TAN2)))
-    write(Y, b, VEL, plus(three(Y, b, VEL), times(Y[b, IMASS], f)))
-    write(Y, b, SPIN, plus(three(Y, b, SPIN), _spin_by(C, k, IB, ln, l1, l2)))
-    if Y[a, IMASS] > 0.0:
-        write(Y, a, VEL, minus(three(Y, a, VEL), times(Y[a, IMASS], f)))
-        write(Y, a, SPIN, minus(three(Y, a, SPIN), _spin_by(C, k, IA, ln, l1, l2)))
+    push(Y, C, k, plus(f, times(l2, three(C, k, TAN2))), VEL, SPIN)
 
 
 @inner
@@ -87,15 +103,6 @@ def _twist_by(Y, C, k, moment):
     write(Y, b, SPIN, plus(three(Y, b, SPIN), symmetric_times(Y, b, IWORLD, moment)))
     if Y[a, IMASS] > 0.0:
         write(Y, a, SPIN, minus(three(Y, a, SPIN), symmetric_times(Y, a, IWORLD, moment)))
-
-
-@inner
-def closing(Y, C, k):
-    """Return the normal speed of b relative to a at a contact."""
-    a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-    u = dot(three(C, k, NORMAL), minus(three(Y, b, VEL), three(Y, a, VEL))) - C[k, SURFACE_U]
-    u += dot(three(C, k, JB), three(Y, b, SPIN))
-    return u - dot(three(C, k, JA), three(Y, a, SPIN)) if Y[a, IMASS] > 0.0 else u
 
 
 @inner(noinline=True, error_model="numpy")
@@ -131,29 +138,15 @@ def sweep(first, last, C, Y, h):
     for k in range(first, last):
         if C[k, MODE] == WAITS:
             continue
-        a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-        two = Y[a, IMASS] > 0.0
-        n, ln, m = three(C, k, NORMAL), C[k, LN], C[k, MASS_N]
-        vb, wb, va, wa = three(Y, b, VEL), three(Y, b, SPIN), three(Y, a, VEL), three(Y, a, SPIN)
-        dv = minus(vb, va)
-        u = dot(n, dv) + dot(three(C, k, JB), wb) - C[k, SURFACE_U]
-        if two:
-            u -= dot(three(C, k, JA), wa)
+        n, t1, t2 = three(C, k, NORMAL), three(C, k, TAN1), three(C, k, TAN2)
+        ln, l1, l2, m, v = C[k, LN], C[k, L1], C[k, L2], C[k, MASS_N], parting(Y, C, k)
         wanted = C[k, REBOUND] if C[k, MODE] == PARTS else -max(C[k, GAP], 0.0) / h
-        new = max(ln - m * (u - wanted), 0.0)
-        d, l1, l2 = new - ln, C[k, L1], C[k, L2]
+        new = max(ln - m * (dot(n, v) - C[k, SURFACE_U] - wanted), 0.0)
+        d = new - ln
         if d == 0.0 and new == 0.0 and l1 == 0.0 and l2 == 0.0:
             continue
-        C[k, LN] = new
-        mb, ma = Y[b, IMASS], Y[a, IMASS]
-        wb, dv = plus(wb, times(d, three(C, k, IB))), plus(dv, times(d * (ma + mb), n))
-        t1, t2 = three(C, k, TAN1), three(C, k, TAN2)
-        u1 = dot(t1, dv) + dot(three(C, k, JB + 3), wb) - C[k, SURFACE_U + 1]
-        u2 = dot(t2, dv) + dot(three(C, k, JB + 6), wb) - C[k, SURFACE_U + 2]
-        if two:
-            wa = minus(wa, times(d, three(C, k, IA)))
-            u1 -= dot(three(C, k, JA + 3), wa)
-            u2 -= dot(three(C, k, JA + 6), wa)
+        u1 = dot(t1, v) - C[k, SURFACE_U + 1] + d * C[k, BY_NORMAL]
+        u2 = dot(t2, v) - C[k, SURFACE_U + 2] + d * C[k, BY_NORMAL + 1]
         x, y = l1 - C[k, K11] * u1 - C[k, K12] * u2, l2 - C[k, K12] * u1 - C[k, K22] * u2
         top = C[k, MU] * new
         if x * x + y * y > top * top:  # slides: against the velocity
@@ -162,14 +155,9 @@ def sweep(first, last, C, Y, h):
             if r > top:
                 x, y = x * top / r, y * top / r
         d1, d2 = x - l1, y - l2
-        C[k, L1], C[k, L2] = x, y
         most = max(most, (abs(d) + abs(d1) + abs(d2)) / m)
-        f = plus(plus(times(d, n), times(d1, t1)), times(d2, t2))
-        write(Y, b, VEL, plus(vb, times(mb, f)))
-        write(Y, b, SPIN, plus(wb, plus(times(d1, three(C, k, IB + 3)), times(d2, three(C, k, IB + 6)))))
-        if two:
-            write(Y, a, VEL, minus(va, times(ma, f)))
-            write(Y, a, SPIN, minus(wa, plus(times(d1, three(C, k, IA + 3)), times(d2, three(C, k, IA + 6)))))
+        push(Y, C, k, plus(plus(times(d, n), times(d1, t1)), times(d2, t2)), VEL, SPIN)
+        write(C, k, LN, (new, x, y))
         if C[k, TWIST] > 0.0 or C[k, ROLL] > 0.0:
             most = max(most, _resist(Y, C, k))
     return most
@@ -253,9 +241,9 @@ def push_out(first, last, members, C, Y, h):
         most = 0.0
         for k in range(first, last):
             a, b, n, s = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL), C[k, GAP]
-            u = dot(n, three(Y, b, PUSH_V)) + dot(three(C, k, JB), three(Y, b, PUSH_W))
+            u = dot(n, three(Y, b, PUSH_V)) + dot(cross(three(C, k, ARM_B), n), three(Y, b, PUSH_W))
             if Y[a, IMASS] > 0.0:
-                u -= dot(n, three(Y, a, PUSH_V)) + dot(three(C, k, JA), three(Y, a, PUSH_W))
+                u -= dot(n, three(Y, a, PUSH_V)) + dot(cross(three(C, k, ARM_A), n), three(Y, a, PUSH_W))
             u += s / h if s > 0.0 else max(PUSH / h * min(s + SLOP, 0.0), -PUSH_MOST)
             new = max(C[k, BEFORE] - C[k, MASS_N] * u, 0.0)
             d = new - C[k, BEFORE]
@@ -263,11 +251,7 @@ def push_out(first, last, members, C, Y, h):
                 continue
             C[k, BEFORE] = new
             most = max(most, abs(d) / C[k, MASS_N])
-            write(Y, b, PUSH_V, plus(three(Y, b, PUSH_V), times(d * Y[b, IMASS], n)))
-            write(Y, b, PUSH_W, plus(three(Y, b, PUSH_W), times(d, three(C, k, IB))))
-            if Y[a, IMASS] > 0.0:
-                write(Y, a, PUSH_V, minus(three(Y, a, PUSH_V), times(d * Y[a, IMASS], n)))
-                write(Y, a, PUSH_W, minus(three(Y, a, PUSH_W), times(d, three(C, k, IA))))
+            push(Y, C, k, times(d, n), PUSH_V, PUSH_W)
         if most < PUSH_ENDS:
             break
     _pay(members, Y, h, fastest if len(members) == 1 else 0.0)

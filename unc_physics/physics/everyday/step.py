@@ -165,12 +165,11 @@ def _advance(first, last, members, begin, end, fresh, actions, own, work):
         rounds, h = SWEEPS_FRESH if fresh else SWEEPS, min(longest, end - now)
         if driven:
             drive(now, now + _AT_ONCE * dt, Y, actions, own, states)
-        soon, deep = _refresh(first, last, C, Y, h)
+        soon, deep = _refresh(first, last, C, Y, h, True)
         if soon <= _AT_ONCE * dt or (soon <= h and cuts == 0):
-            _prepare(first, last, members, C, Y, 0.0)
             impacts(first, last, C, Y, par, own.key, work.count)
             rounds = SWEEPS_FRESH
-            soon, deep = _refresh(first, last, C, Y, h)
+            soon, deep = _refresh(first, last, C, Y, h, False)
         if _AT_ONCE * dt < soon <= h and cuts > 0:
             h, cuts = soon, cuts - 1
             work.count[CUT] += 1
@@ -229,15 +228,15 @@ def _meets(C, k, u, acc, h):
 
 
 @inner(noinline=True)
-def _refresh(first, last, C, Y, h):
+def _refresh(first, last, C, Y, h, moved):
     """Bring the gaps of a group's contacts up to date; return when an impact is, and whether any is deep.
 
-    Contacts that have an impact within h wait.
+    Contacts that have an impact within h wait. Unless bodies have ``moved`` only their velocities are new.
     """
     soon, deep = math.inf, False
     for k in range(first, last):
         a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-        u, gap = approach(C, k, Y, h)
+        u, gap = approach(C, k, Y, h, moved)
         acc = three(Y, b, ACCEL)
         if Y[a, IMASS] > 0.0:
             acc = minus(acc, three(Y, a, ACCEL))
@@ -270,9 +269,8 @@ def _drift(members, Y, h, pushed):
 @inner
 def _prepare(first, last, members, C, Y, t):
     """Fill moments and masses of contacts for the present poses, to stop their points at t from now."""
-    if t > 0.0:
-        for i in members:
-            free_turn(Y, i)
+    for i in members:
+        free_turn(Y, i)
     for k in range(first, last):
         spread(C, k, Y, t)
 
