@@ -109,8 +109,9 @@ class Scene:
         Standard deviations, in the parameter's unit. With z standard normal, the parameter is ``m exp(z std /
         m)``; its value m must be positive.
     restitution_std : float
-        Standard deviation; restitution is ``restitution + z std``, clipped to [0, 1]. As with friction, all
-        surfaces without their own values share it.
+        Standard deviation; restitution is ``restitution + z std``, clipped to [0, 1]. As with friction, it
+        belongs to a contact: each surface without its own value has an independent draw with
+        `SURFACE_OF_CONTACT` times as much.
     gravity_direction_std : float
         Tilt of gravity about each of two perpendicular axes [rad]; its magnitude is fixed.
     impact_friction_speed : float, optional
@@ -125,7 +126,7 @@ class Scene:
         Whether bodies at rest sleep until something pushes them. Needs the implicit integrator.
     overlap : {'project', 'reject', 'keep'}
         Treatment of overlap at time 0, of bodies or of a body and the environment. ``project`` moves samples
-        to the nearest poses without overlap, in the belief's metric. ``reject`` discards them, with Monte
+        from the mean's pose to their own until contacts stop them. ``reject`` discards them, with Monte
         Carlo only. ``keep`` changes nothing. By default, or None, ``keep`` with the explicit integrator,
         which supports nothing else, and ``project`` with others.
     pairs : tuple of PairMaterial
