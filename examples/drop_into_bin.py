@@ -58,9 +58,7 @@ def main() -> None:
 
 def held(offset: float):
     """The salt box, held upright over the bin by a gripper."""
-    return object_state(
-        "salt_box", "salt_box", (offset, 0.0, HEIGHT), STD**2, twist_covariance=[1e-6] * 6, spheres=100
-    )
+    return object_state("salt_box", "salt_box", (offset, 0.0, HEIGHT), STD**2, twist_covariance=[1e-6] * 6)
 
 
 def row(vector: np.ndarray) -> str:

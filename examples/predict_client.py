@@ -19,9 +19,8 @@ def main() -> None:
         pose=(-0.2, 0.0, 0.01),  # of the model's own origin [m]
         covariance=np.square([0.005, 0.005, 0.005, 0.02, 0.02, 0.02]),  # m, rad, about fixed axes
         twist=(0.5, 0.0, 0.0, 0.0, 0.0, 0.0),  # m/s, rad/s
-        spheres=500,
     )
-    brick = object_state("brick", "brick", pose=(0.0, 0.0, 0.0), kind=ObjectState.FIXED, spheres=500)
+    brick = object_state("brick", "brick", pose=(0.0, 0.0, 0.0), kind=ObjectState.FIXED)
     request = prediction_request([can, brick], TIMES[-1], times=TIMES[:-1], propagator="sigma_points")
 
     with Client() as client:

@@ -36,7 +36,6 @@ inline PredictionRequest request()
 {
   ObjectState can;
   can.id = can.model = "can";  // with the mass of its model
-  can.spheres = 500;
   can.pose.position.x = -0.2;  // of the model's own origin [m]
   can.pose.position.z = 0.01;
   can.twist.linear.x = 0.5;  // [m/s]
@@ -45,7 +44,6 @@ inline PredictionRequest request()
 
   ObjectState brick;
   brick.id = brick.model = "brick";
-  brick.spheres = 500;
   brick.kind = ObjectState::FIXED;
 
   PredictionRequest request;
