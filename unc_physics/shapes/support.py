@@ -157,7 +157,7 @@ def face(p, n, lean, load, base, frames, pieces, rows, out):
 
 
 @inner
-def _best_face(piece, rows, b):
+def best_face(piece, rows, b):
     """Return the row of the face whose normal is nearest to ``b``; -1 without faces."""
     best, found = -math.inf, -1
     for k in range(int(piece[FIRST_FACE]), int(piece[LAST_FACE])):
@@ -170,7 +170,7 @@ def _best_face(piece, rows, b):
 @inner
 def _hull_face(piece, frame, start, rows, b, out):
     """Write the face of a hull as `face`, with ``b`` in body axes; without one the number is zero."""
-    found = _best_face(piece, rows, b)
+    found = best_face(piece, rows, b)
     first, last = int(piece[FIRST_POINT]), int(piece[LAST_POINT])
     if found >= 0:
         normal, count = matrix_times(frame, ROTATION, get(rows, found)), 0
@@ -194,7 +194,7 @@ def _lathe_face(piece, frame, start, rows, b, lean, load, out):
     """Write the face of a lathe as `face`, with ``b`` in body axes; without one the number is zero."""
     b = transposed_times(piece, AXES, b)
     x, y, s = meridian(piece, b)
-    found = _best_face(piece, rows, (s, 0.0, b[2]))
+    found = best_face(piece, rows, (s, 0.0, b[2]))
     if found < 0:
         return 0, (0.0, 0.0, 0.0)
     nr, nz = rows[found, 0], rows[found, 2]

@@ -18,9 +18,11 @@ from ...shapes.columns import (
     FIRST_POINT,
     HALF_EXTENT,
     HALF_SPACE,
+    HULL,
     KIND,
     LAST_POINT,
     NO_FACE,
+    OWNER,
     POLYGON,
 )
 from ...shapes.columns import GAP as FOUND_GAP
@@ -29,7 +31,7 @@ from ...shapes.columns import POINT as FOUND_POINT
 from ...shapes.columns import RADIUS as PIECE_RADIUS
 from ...shapes.manifold import contacts_of_pieces, manifold_of_pieces, reduce, write_contact
 from ...shapes.nearest import half_space, nearest
-from ...shapes.support import gap_along, unit
+from ...shapes.support import best_face, gap_along, unit
 from ...spatial.rotation import cross
 from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
@@ -53,6 +55,7 @@ from .columns import (
     L_NUMBER,
     L_PARTED,
     LAST,
+    LEVEL,
     LIST,
     LISTS,
     MARGIN,
@@ -332,6 +335,23 @@ def _has_room(k, p, solids, search):
     return k + max(POLYGON, points) < len(search.out)
 
 
+@inner
+def _gap_level(a, b, n, least, base, Y, pieces, rows):
+    """Return the gap of two pieces along others' normal n, and n, or the normal of a's face level with it.
+
+    The normal of a small body's face is a little off that of a long piece, whose far end may rise along it.
+    """
+    gap = gap_along(a, b, n, base, Y, pieces, rows)
+    if gap > least or pieces[a, KIND] != HULL:
+        return gap, n
+    i = int(pieces[a, OWNER])
+    k = best_face(pieces[a], rows, back(Y, i, n))
+    if k < 0:
+        return gap, n
+    e = turn(Y, i, ROT, three(rows, k, 0))
+    return (gap_along(a, b, e, base, Y, pieces, rows), e) if dot(e, n) > LEVEL else (gap, n)
+
+
 @inner(noinline=True)
 def _gaps(m, low, travel, dt, slack, a, b, lean, Y, solids, search, slot):
     """Find gaps and normals of m pairs of pieces; keep the near ones.
@@ -356,9 +376,9 @@ def _gaps(m, low, travel, dt, slack, a, b, lean, Y, solids, search, slot):
             gap = near[c, N_GAP] + near[c, N_HOW]
         else:
             for i in range(sure):
-                e = three(search.frame, 3 + i, 0)
-                t = gap_along(pa, pb, e, base, Y, pieces, rows)
-                if t > min(search.frame[3 + i, 3], 0.0) - GHOST:
+                least = min(search.frame[3 + i, 3], 0.0) - GHOST
+                t, e = _gap_level(pa, pb, three(search.frame, 3 + i, 0), least, base, Y, pieces, rows)
+                if t > least:
                     n, gap, how = e, t, OTHERS
                     break
             if how == OWN and known:
@@ -405,7 +425,9 @@ def _parting_normal(c, m, base, Y, solids, search):
         e = three(near, j, N_NORMAL)
         nearer = near[j, N_ENTRY] > 0.0 if j < c else (j > c and near[j, N_GAP] < gap + GHOST)
         if near[j, N_HOW] != OTHERS and nearer and dot(e, n) < 1.0 - 1e-9:
-            if gap_along(pa, pb, e, base, Y, solids.pieces, solids.rows) > min(near[j, N_GAP], 0.0) - GHOST:
+            least = min(near[j, N_GAP], 0.0) - GHOST
+            t, e = _gap_level(pa, pb, e, least, base, Y, solids.pieces, solids.rows)
+            if t > least:
                 write(near, c, N_NORMAL, e)
                 return e, False
     return n, True
