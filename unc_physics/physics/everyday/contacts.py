@@ -671,6 +671,10 @@ def spread(C, k, Y, t):
             i = a if C[k, FACE_OF] == 1.0 else b
             more = minus(more, times(2.0 * t, cross(three(Y, i, SPIN), parting(Y, C, k))))
     given = dot(more, n), dot(more, three(C, k, TAN1)), dot(more, three(C, k, TAN2))
+    w = three(C, k, BELT_W)
+    if dot(w, w) > 0.0:  # the belt where b's point goes since the search
+        more = cross(w, plus(three(Y, b, MOVED), times(t, three(Y, b, VEL))))
+        given = given[0], given[1] - dot(more, three(C, k, TAN1)), given[2] - dot(more, three(C, k, TAN2))
     write(C, k, SURFACE_U, minus(three(C, k, BELT_U), given))
     masses(C, k, Y)
 

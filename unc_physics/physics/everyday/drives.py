@@ -18,6 +18,7 @@ from .columns import (
     IWORLD,
     MOVED,
     OWN_IMASS,
+    QUIET,
     RADIUS,
     REACH,
     ROT,
@@ -148,29 +149,39 @@ def end_drives(end, Y, actions, own, states):
             pose(Y, j)
 
 
+@inner
+def _slowed(v, i, begin, h, Y, actions):
+    """Return a velocity of body i after half of the drag within h from a time on; exact for any time."""
+    for u in range(len(actions.wrench_body)):
+        if actions.wrench_body[u] == i and actions.wrench_drag[u] > 0.0:
+            time = max(0.5 * acting_for(u, begin, begin + h, actions), 0.0)
+            v = times(1.0 / (1.0 + time * Y[i, IMASS] * actions.wrench_drag[u] * math.sqrt(dot(v, v))), v)
+    return v
+
+
 @inner(noinline=True, error_model="numpy")
 def accelerate(i, Y, begin, h, par, actions):
-    """Change the velocities of body i by gravity, wrenches, drag and damping within h from a time on."""
+    """Change the velocities of body i by gravity, wrenches, drag and damping within h from a time on.
+
+    Half of the drag comes before the rest, half after it, so that errors are of second order.
+    """
     kept, gain = 1.0, h
     if par[DECAY] > 0.0:
         kept = math.exp(-par[DECAY] * h)
         gain = (1.0 - kept) / par[DECAY]
-    v = plus(times(kept, three(Y, i, VEL)), times(gain, _gravity(par)))
+    v = _slowed(three(Y, i, VEL), i, begin, h, Y, actions)
+    v = plus(times(kept, v), times(gain, _gravity(par)))
     w = times(kept, three(Y, i, SPIN))
     for u in range(len(actions.wrench_body)):
         time = acting_for(u, begin, begin + h, actions) if actions.wrench_body[u] == i else 0.0
-        if time <= 0.0:
-            continue
-        if actions.wrench_drag[u] > 0.0:  # exact for any time
-            pace = math.sqrt(dot(v, v))
-            v = times(1.0 / (1.0 + time * Y[i, IMASS] * actions.wrench_drag[u] * pace), v)
+        if time <= 0.0 or actions.wrench_drag[u] > 0.0:
             continue
         force, torque = three(actions.wrench, u, 0), three(actions.wrench, u, 3)
         if actions.wrench_local[u]:
             force, torque = turn(Y, i, ROT, force), turn(Y, i, ROT, torque)
         v = plus(v, times(time * Y[i, IMASS], force))
         w = plus(w, times(time, symmetric_times(Y, i, IWORLD, torque)))
-    write(Y, i, VEL, v)
+    write(Y, i, VEL, _slowed(v, i, begin, h, Y, actions))
     write(Y, i, SPIN, w)
 
 
@@ -182,7 +193,10 @@ def _gravity(par):
 
 @inner(noinline=True, error_model="numpy")
 def plan_forces(bodies, begin, end, Y, par, actions):
-    """Fill accelerations by gravity and forces, and bound the change of velocity without contacts."""
+    """Fill accelerations by gravity and forces, and bound the change of velocity without contacts.
+
+    A body on which a force acts is awake.
+    """
     dt, g = end - begin, _gravity(par)
     pace = math.sqrt(dot(g, g))
     for i in range(bodies):
@@ -193,6 +207,7 @@ def plan_forces(bodies, begin, end, Y, par, actions):
         i, time = actions.wrench_body[u], acting_for(u, begin, end, actions)
         if time <= 0.0 or Y[i, IMASS] == 0.0 or actions.wrench_drag[u] > 0.0:
             continue
+        Y[i, QUIET] = 0.0
         force, torque = three(actions.wrench, u, 0), three(actions.wrench, u, 3)
         spin = 0.0
         for k in range(6):  # the norm of the inverse inertia

@@ -42,6 +42,7 @@ from .columns import (
     REBOUND,
     ROLL,
     ROLL_SPEED,
+    SLIDES,
     SLOP,
     SPIN,
     SURFACE_U,
@@ -72,6 +73,14 @@ def parting(Y, C, k):
 def closing(Y, C, k):
     """Return the normal speed of b relative to a at a contact."""
     return dot(three(C, k, NORMAL), parting(Y, C, k)) - C[k, SURFACE_U]
+
+
+@inner
+def slides(Y, C, k):
+    """Return whether a contact that bears slides."""
+    v = parting(Y, C, k)
+    x, y = dot(three(C, k, TAN1), v) - C[k, SURFACE_U + 1], dot(three(C, k, TAN2), v) - C[k, SURFACE_U + 2]
+    return C[k, LN] > 0.0 and x * x + y * y > SLIDES * SLIDES
 
 
 @inner(forceinline=True)

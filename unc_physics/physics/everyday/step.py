@@ -69,7 +69,7 @@ from .groups import group_contacts, members_of
 from .impacts import impacts, landing
 from .motion import free_turn, move, roll_arm, write
 from .search import FULL, Search, Solids
-from .solve import HOLDS, WAITS, keep_warm, push_out, solve, start_warm
+from .solve import HOLDS, WAITS, keep_warm, push_out, slides, solve, start_warm
 
 _END = 1e-9  # share of a step that is no step
 _AT_ONCE = 1e-6  # share of a step within which an impact is now
@@ -192,6 +192,8 @@ def _advance(first, last, members, begin, end, fresh, actions, own, work):
         if h > LONG * longest:
             keep_warm(first, last, C, h)
         now += h
+    if par[SLEEP] > 0.0:
+        _keep_awake(first, last, C, Y)
 
 
 @inner
@@ -314,6 +316,14 @@ def _asleep(first, last, members, C, Y, par):
 
 
 @inner
+def _keep_awake(first, last, C, Y):
+    """Let bodies that slide on something begin their time at rest anew, however slowly they do."""
+    for k in range(first, last):
+        if slides(Y, C, k):
+            Y[int(C[k, BODY_A]), QUIET] = Y[int(C[k, BODY_B]), QUIET] = 0.0
+
+
+@inner
 def _bear(first, last, C, dt):
     """Note the impulses of contacts that stay as they were."""
     for k in range(first, last):
@@ -339,7 +349,7 @@ def _count_ways(bodies, dt, Y, groups):
     for i in range(bodies):
         Y[i, WAY] = 0.0
         if Y[i, DRIVEN] > 0.0:
-            Y[i, WAY] = Y[i, REACH]
+            Y[i, WAY], Y[i, QUIET] = Y[i, REACH], 0.0
         elif Y[i, IMASS] > 0.0:
             d, e, v, w = three(Y, i, MOVED), three(Y, i, TURNED), three(Y, i, VEL), three(Y, i, SPIN)
             Y[i, WAY] = math.sqrt(dot(d, d)) + Y[i, RADIUS] * math.sqrt(dot(e, e))
