@@ -31,9 +31,7 @@ CUBE = primitive_model("box", size=(0.1, 0.1, 0.1))
 
 
 def scene_of(bodies, environment=(FLOOR,), **physics):
-    return Scene.everyday(
-        bodies, **{"exact": True, "integrator": "contact", "environment": environment} | physics
-    )
+    return Scene.everyday(bodies, **{"exact": True, "environment": environment} | physics)
 
 
 def belief_of(scene, **states):

@@ -1,18 +1,16 @@
-"""Bodies of exact shape, their worlds, and single rollouts of the everyday step by the public interface."""
+"""Bodies of exact shape for tests of the everyday step, and where they are."""
 
 import math
-import os
 
 import numpy as np
+from plain_scenes import FLOOR, course, run, state, world  # noqa: F401  (for tests of laws)
 from scipy.spatial.transform import Rotation
 
-from unc_physics import Belief, Plane, RigidBody, Scene, SpherePacking, make_propagator, predict
+from unc_physics import Belief, BodyBelief, Box, Plane, RigidBody, SpherePacking
 from unc_physics.shapes import pieces as shapes
 
-INTEGRATOR = os.environ.get("INTEGRATOR", "contact")
-STEPS = (1 / 120, 1 / 240, 1 / 1000)  # s
-FLOOR = Plane(name="floor")
-_ONE = make_propagator("monte_carlo", samples=1)
+UM, MM, MRAD = 1e6, 1e3, 1e3
+CAN = 0.038, 0.11  # m, radius and length of a can
 
 
 def model(pieces, inertia, mass=None):
@@ -50,31 +48,18 @@ def solid_cylinder(name, radius, length, mass, **surface):
     return RigidBody(name, model([shapes.cylinder(radius, length)], inertia), mass, **surface)
 
 
-def world(*bodies, environment=(FLOOR,), **physics):
-    """Return a scene of the everyday step on a floor: friction .5, restitution 0, no model errors."""
-    laws = {"integrator": INTEGRATOR, "restitution": 0.0, "overlap": "keep"} | physics
-    return Scene.everyday(bodies, exact=True, environment=environment, **laws)
-
-
-def course(scene, start, times):
-    """Return the states (T, B, 13) of one rollout at ascending times [s], each rounded to whole steps."""
-    start = np.array(start, float).reshape(-1, 13)
-    steps = np.round(np.asarray(times) / scene.dt).astype(int)
-    marks = [int(n) for n in dict.fromkeys(steps) if n > 0]
-    found = predict(scene, Belief.exact(start, scene.moving), _ONE, times=[n * scene.dt for n in marks])
-    states = {n: snapshot.samples[0] for n, snapshot in zip(marks, found.snapshots, strict=True)}
-    return np.array([states[n] if n else start for n in steps])
-
-
-def run(scene, start, time):
-    """Return the states (B, 13) of one rollout at a time [s]."""
-    return course(scene, start, [time])[0]
+def belief_of(scene, **states):
+    """Return the belief of bodies with these fields of `BodyBelief`."""
+    return Belief.of(scene, {name: BodyBelief(**fields) for name, fields in states.items()})
 
 
 def about(axis, angle):
     """Return the quaternion of a rotation about an axis [rad]."""
     axis = np.asarray(axis, float)
     return Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_quat()
+
+
+SIDEWAYS = about((1, 0, 0), math.pi / 2)  # a body's z axis along -y
 
 
 def product(*quaternions):
@@ -93,3 +78,31 @@ def tilt(x):
 def turn_between(x, y):
     """Return the angle of the rotation between two states (13,) [rad]."""
     return (Rotation.from_quat(x[6:10]).inv() * Rotation.from_quat(y[6:10])).magnitude()
+
+
+def can(name="can"):
+    """Return a can as a solid cylinder."""
+    return solid_cylinder(name, *CAN, 0.455)
+
+
+def slab(size, position, **surface):
+    """Return a fixed box."""
+    return Box(size, position, **surface)
+
+
+def slope_of(angle):
+    """Return the plane through the origin that descends along x at an angle [rad], and its normal."""
+    normal = np.array([math.sin(angle), 0.0, math.cos(angle)])
+    return Plane(normal, name="slope"), normal
+
+
+def rolling(speed, radius, position=None, orientation=SIDEWAYS):
+    """Return the state of a round body with its axis along y that rolls along x."""
+    position = (0, 0, radius) if position is None else position
+    return state(position, (speed, 0, 0), (0, speed / radius, 0), orientation)
+
+
+def base_radius(packing):
+    """Return the largest radius at which a model of lathes touches the floor it stands on [m]."""
+    corners = np.concatenate([piece.profile + [0, piece.origin[2]] for piece in packing.pieces])
+    return float(corners[corners[:, 1] < corners[:, 1].min() + 1e-6, 0].max())
