@@ -4,8 +4,18 @@ import math
 
 import numpy as np
 import pytest
-from everyday_laws import base_radius
-from everyday_worlds import about, course, product, run, solid_ball, solid_box, solid_cylinder, tilt, world
+from everyday_worlds import (
+    about,
+    base_radius,
+    course,
+    product,
+    run,
+    solid_ball,
+    solid_box,
+    solid_cylinder,
+    tilt,
+    world,
+)
 from plain_scenes import G, state
 from planar_shelf import spin_off_shelf
 
@@ -134,7 +144,7 @@ def test_no_sample_of_a_ball_passes_through_a_tabletop(radius, fixed):
         top = RigidBody("top", primitive_model("box", size=(1.2, 0.8, 0.02)), 1.0, fixed=True)
         bodies, environment = [ball, top], []
         start["top"] = BodyBelief(position=(0, 0, -0.01))
-    scene = Scene.everyday(bodies, integrator="contact", environment=environment)
+    scene = Scene.everyday(bodies, environment=environment)
     x = predict(scene, Belief.of(scene, start), make_propagator("auto"), 0.6).samples()[:, 0]
     above = (np.abs(x[:, :2]) < [0.6, 0.4]).all(axis=1)
     assert above.sum() > 0.9 * len(x)
@@ -149,9 +159,7 @@ def test_each_of_two_boxes_on_a_tray_has_friction_of_its_own():
     )
     lower = RigidBody("lower", primitive_model("box", size=(0.3, 0.2, 0.02)), 1.0)
     upper = RigidBody("upper", primitive_model("box", size=(0.06, 0.06, 0.04)), 0.2)
-    scene = Scene.everyday(
-        [tray, lower, upper], integrator="contact", friction=mu, friction_std=std, environment=[]
-    )
+    scene = Scene.everyday([tray, lower, upper], friction=mu, friction_std=std, environment=[])
     belief = Belief.of(
         scene, {"lower": BodyBelief(position=(0, 0, 0.01)), "upper": BodyBelief(position=(0, 0, 0.04))}
     )
