@@ -109,15 +109,13 @@ def bouncing_height(height: float, restitution: float, time: float) -> float:
     raise AssertionError
 
 
-def rocking_tilt(width: float, height: float, corner: float, tilt: float, time: float) -> float:
-    """Return the tilt of a rocking block: Housner's, with corners that may be rounded.
+def rocking_tilt(width: float, height: float, tilt: float, time: float) -> float:
+    """Return the tilt of Housner's rocking block [rad].
 
     Parameters
     ----------
     width, height : float
         Of the uniform block [m].
-    corner : float
-        Radius of its corners [m]; 0 is Housner's block.
     tilt : float
         At time 0, where the block is at rest on its lower right edge [rad].
     time : float
@@ -125,19 +123,17 @@ def rocking_tilt(width: float, height: float, corner: float, tilt: float, time: 
 
     Notes
     -----
-    The block rolls on a rounded corner without slip and is in contact with one edge at a time. At an impact
-    the angular momentum about the new line of contact is kept, so nothing bounces (Housner 1963).
+    The block turns about one edge at a time. At an impact the angular momentum about the new edge is kept, so
+    nothing bounces (Housner 1963).
     """
-    across, up = 0.5 * width - corner, 0.5 * height - corner  # of a corner's centre
+    across, up = 0.5 * width, 0.5 * height
     gyration = (width**2 + height**2) / 12.0
     reach, lean = math.hypot(across, up), math.atan2(across, up)
     standing = gyration + 0.25 * height**2
     kept = (standing - across**2) / (standing + across**2)
 
     def rate(_, y):
-        angle, turn = lean - y[0], y[1]
-        arm = corner**2 + 2.0 * corner * reach * math.cos(angle) + reach**2
-        return turn, -reach * math.sin(angle) * (GRAVITY + corner * turn**2) / (gyration + arm)
+        return y[1], -reach * math.sin(lean - y[0]) * GRAVITY / (gyration + reach**2)
 
     def lands(_, y):
         return y[0]

@@ -7,6 +7,7 @@ import numpy as np
 from unc_physics import Belief, RigidBody, Scene, encounters, load_model, load_scene, make_propagator, predict
 from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.scene.environment import Cone
+from unc_physics.shapes.mass_properties import mass_properties
 from unc_physics.view.meshes import element_mesh
 
 cone = Cone(0.3, 0.8, position=(0.1, 0.0, 0.0))
@@ -30,6 +31,11 @@ np.testing.assert_allclose(foot, 0.0, atol=1e-12)
 directions = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.6, 0.0, 0.8]])
 reach = np.einsum("nk,nk->n", cone.outermost(directions), directions)
 np.testing.assert_allclose(reach, [0.4, 0.4, 0.38], atol=1e-6)
+
+# the implicit step takes it as pieces: a cone's volume, and a centre at a quarter of its height
+solid = mass_properties(cone.pieces)
+np.testing.assert_allclose(solid.volume, np.pi * 0.3**2 * 0.8 / 3.0)
+np.testing.assert_allclose(solid.center, cone.position - [0.0, 0.0, 0.2], atol=1e-12)
 
 # the page in the browser draws it as it is, not as its bounding box
 vertices, faces = element_mesh(cone, 1.0)

@@ -9,6 +9,7 @@ from example_extensions import PAGE, ROOT, code, edited, run
 
 HERE = Path(__file__).parent
 SCENE = """\
+physics: paper
 dt: 0.01
 stiffness: 1.0e+4
 gravity: [0, 0, 0]
@@ -21,7 +22,7 @@ def test_a_cone_is_a_file_and_a_few_lines(tmp_path):
     ignored = shutil.ignore_patterns("__pycache__", "ros")
     shutil.copytree(ROOT / "unc_physics", tmp_path / "unc_physics", ignore=ignored)
     (tmp_path / "models").symlink_to(ROOT / "models")
-    path = "unc_physics/collision/shapes/cone.py"
+    path = "unc_physics/physics/paper/solids/cone.py"
     (tmp_path / path).write_text(code()[path])
     difference = re.search(r"^```diff\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)[1]
     parts = re.split(r"^# (\S+)\n", difference, flags=re.MULTILINE)[1:]

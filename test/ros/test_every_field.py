@@ -6,7 +6,16 @@ from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Pose, Transform, Vector3, Wrench
 from message_fields import paths, values_at
-from scenes import assert_answered, diagonal, material_of, moving_object, packed, request_of, with_physics
+from scenes import (
+    assert_answered,
+    diagonal,
+    explicit,
+    material_of,
+    moving_object,
+    packed,
+    request_of,
+    with_physics,
+)
 from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
@@ -207,7 +216,7 @@ EFFECTS = {
     f"{OBJECT}.kind": (set_to(first, kind=ObjectState.FIXED), "objects[].kind"),
     f"{OBJECT}.model": (set_to(first, model="salt_box"), "objects[].model"),
     f"{OBJECT}.scale": (set_to(first, scale=1.2), POSE),
-    f"{OBJECT}.spheres": (set_to(first, spheres=20), POSE),
+    f"{OBJECT}.spheres": (set_to(first, spheres=20), POSE, explicit),
     f"{OBJECT}.mass": (set_to(first, mass=5.0), POSE),
     f"{OBJECT}.belief.mass_std": (set_to(belief, mass_std=0.3), "rollouts"),
     f"{OBJECT}.belief.center_of_mass_std": (set_to(belief, center_of_mass_std=Vector3(x=0.01)), POSE),
@@ -315,7 +324,7 @@ EFFECTS = {
         physics(friction=0.0, restitution=1.0),
     ),
     "physics.dt": (physics(dt=0.005), POSE),
-    "physics.stiffness": (physics(stiffness=1e9), POSE),
+    "physics.stiffness": (physics(stiffness=1e9), POSE, explicit),
     "physics.damping": (physics(damping=0.5), POSE),
     "physics.gravity": (physics(gravity=(0.1, 0.0, -9.0)), POSE),
     "physics.friction": (physics(friction=0.9), POSE),
@@ -326,9 +335,9 @@ EFFECTS = {
     "physics.sleep": (physics(sleep=False), "physics.sleep"),
     "physics.overlap": (physics(overlap="keep"), "physics.overlap"),
     "physics.stiffness_std": (
-        physics(stiffness=1e9, stiffness_std=1e8),
+        physics(stiffness_std=1e8),
         "physics.stiffness_std",
-        physics(stiffness=1e9),
+        lambda request: with_physics(explicit(request), stiffness=1e9),
     ),
     "physics.friction_std": (physics(friction_std=0.1), "physics.friction_std"),
     "physics.restitution_std": (physics(restitution_std=0.1), "physics.restitution_std"),
@@ -442,8 +451,7 @@ def rich_requests():
     with_region(asked)
     place = asked.scene.objects[0].pose.position  # beside the can, and high enough to fall
     place.x, place.z = 0.3, 0.35
-    with_physics(asked, stiffness=1e9, stiffness_std=1e7, friction_std=0.1, restitution_std=0.05, damping=0.1)
-    with_physics(asked, gravity_direction_std=0.01)
+    with_physics(asked, friction_std=0.1, restitution_std=0.05, damping=0.1, gravity_direction_std=0.01)
     with_physics(asked, impact_direction_std=0.01, impact_point_std=1e-3, impact_friction_std=0.1)
     asked.scene.header.stamp.sec = 3
     asked.scene.objects.append(moving_object("x", "teapot", (5.0, 0.0, 0.0)))
@@ -462,7 +470,8 @@ def rich_requests():
     sunk.scene.objects[0].pose.position.z = -0.013
     sunk.scene.objects[0].belief.pose_covariance = diagonal(*[2e-3] * 6)
     sunk.propagator, sunk.samples = "cloud", 50
-    return asked, overlapping, sunk
+    stiff = with_physics(explicit(base()), stiffness=1e9, stiffness_std=1e7)
+    return asked, overlapping, sunk, stiff
 
 
 def test_every_field_of_an_answer_is_filled(predict):

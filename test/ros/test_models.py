@@ -124,7 +124,7 @@ def test_capabilities(node, client):
     request.physics = response.physics  # what it tells may be sent back as it is
     answer = client.predict(request, node="models")
     assert_answered(answer)
-    assert answer.prediction.physics.stiffness > 0.0
+    assert answer.prediction.physics.stiffness == response.physics.STIFFNESS_AUTO  # contacts are rigid
     assert answer.prediction.physics.friction == response.physics.friction
 
 

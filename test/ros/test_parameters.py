@@ -49,6 +49,7 @@ def test_every_parameter_is_described(node, client):
         ("stiffness", float("nan"), "finite"),
         ("stiffness", -1.0, "negative"),
         ("stiffness", "hard", "auto"),
+        ("stiffness", "1e6", "rigid"),
         ("models_dir", "/tmp", "read-only"),
         ("overlap", "push", "one of"),
         ("default_propagator", "crystal_ball", "one of"),
@@ -77,9 +78,6 @@ def test_physics_change_between_predictions(change, client):
     assert fall()[2] == pytest.approx(-9.81 / 2, rel=0.02)
     assert change("gravity", [1.0, 0.0, 0.0]).successful
     assert fall() == pytest.approx([0.5, 0.0, 0.0], rel=0.02, abs=1e-3)
-    for stiffness in (1e5, 100, "1e6", "auto"):  # a text, as `ros2 param set` reads 1e6
-        assert change("stiffness", stiffness).successful
-        fall()
     assert change("default_propagator", "monte_carlo").successful
     request = request_of(moving_object())
     assert client.predict(request, node="parameters").prediction.propagator == "monte_carlo"

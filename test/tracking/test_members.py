@@ -8,16 +8,8 @@ from plain_scenes import run, state
 from scipy.spatial.transform import Rotation
 from tracked_scenes import NOISE, SIDE, begun, box, free_scene, pose, table_scene
 
-from unc_physics import (
-    Belief,
-    ContactNoise,
-    PoseMeasurement,
-    RigidBody,
-    Scene,
-    TrackStatus,
-    UncPhysicsError,
-    with_stiffness,
-)
+from unc_physics import Belief, ContactNoise, PoseMeasurement, RigidBody, Scene, TrackStatus, UncPhysicsError
+from unc_physics.physics.everyday.columns import SLEEP_AFTER
 from unc_physics.propagators.overlap_depths import overlaps
 from unc_physics.propagators.start import move_out_of_overlap
 from unc_physics.tracking.answers import belief_at, members_at, statuses_at
@@ -61,7 +53,7 @@ def pushed(impulses, resting=False, **options):
         RigidBody("wall", box(), fixed=True),
         RigidBody("b", replace(box(), name="b"), 2.0),
     ]
-    scene = Scene(bodies, integrator="implicit", gravity=GRAVITY, dt=1.0 / 240.0, damping=0.4, stiffness=1e6)
+    scene = Scene(bodies, integrator="implicit", gravity=GRAVITY, dt=1.0 / 240.0, damping=0.4)
     x = np.array(
         [
             state((0, 0, 5), (1, 2, 3), (0.2, 0.0, -0.1)),
@@ -125,7 +117,7 @@ def test_a_sleeping_body_wanders_across_gravity_and_turns_about_it():
 
 def test_one_body_is_moved_out_of_overlap_and_no_other_one():
     """Two boxes that are 6 mm deep in each other, in states in which both are turned alike."""
-    scene = with_stiffness(free_scene(3), np.zeros((3, 13)))
+    scene = free_scene(3)
     q = TURN.as_quat()
     centers = TURN.apply([[0.0, 0.0, 0.0], [SIDE - 0.006, 0.01, 0.0], [0.0, 0.5, 0.0]])
     states = np.array([[state(p + [0.0, 0.0, 0.1 * n], orientation=q) for p in centers] for n in range(4)])
@@ -223,12 +215,10 @@ def test_statuses_change_at_their_limits():
         carry = now.carry._replace(states=now.carry.states.copy())
         if "spread" in changes:
             carry.states[:, 1, 1] = np.tile([1.0, -1.0], 25) * changes.pop("spread")
-        rest_steps = np.zeros_like(carry.contact_history.solver.rest_steps)
-        rest_steps[: changes.pop("resting", 0), 1] = tracked.scene.world.implicit.rest_steps
         history = carry.contact_history
-        carry = carry._replace(
-            contact_history=history._replace(solver=history.solver._replace(rest_steps=rest_steps))
-        )
+        quiet = np.zeros_like(history.solver.quiet)
+        quiet[: changes.pop("resting", 0), 1] = 1.01 * SLEEP_AFTER
+        carry = carry._replace(contact_history=history._replace(solver=history.solver._replace(quiet=quiet)))
         found = statuses_at(tracked, with_track(now._replace(carry=carry), 1, **changes), 1.0)
         assert found == {"box0": TrackStatus.TRACKED, "box1": expected}, changes
 

@@ -42,9 +42,6 @@ AHEAD = PosePath(times=[0.0, 1.0], positions=[(0, 0, 0), (0, 0, 1)])
 RESTING = pose([0.0, 0.0, SIDE / 2])
 
 
-on_both = pytest.mark.parametrize("integrator", ["implicit", "contact"])
-
-
 def simulated(scene, start, times):
     """True states (T, B, 13) at some times."""
     belief = Belief(start, np.zeros((len(scene.moving), 12, 12)))
@@ -203,9 +200,8 @@ def test_ahead_and_fork_leave_the_tracker_as_it_is():
     assert touched.mean == pytest.approx(np.sqrt(2.0 * 0.26 / 9.81) - 0.1, abs=0.02)
 
 
-@on_both
-def test_bodies_come_and_go(integrator):
-    scene, rng = table_scene(integrator=integrator), np.random.default_rng(12)
+def test_bodies_come_and_go():
+    scene, rng = table_scene(), np.random.default_rng(12)
     tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
     for k in range(1, 16):
         tracker.correct(k / RATE, {"box0": measured(RESTING, rng)})
@@ -226,12 +222,11 @@ def test_bodies_come_and_go(integrator):
     assert tracker.belief().mean[0, 2] == pytest.approx(SIDE / 2, abs=2e-3)
 
 
-@on_both
-def test_what_lies_on_a_removed_body_falls(integrator):
+def test_what_lies_on_a_removed_body_falls():
     shelf = load_model("brick")
     top = float(shelf.bounds[1, 2])
     bodies = [RigidBody("box0", box(), 0.3), RigidBody("shelf", shelf, 1.0, fixed=True)]
-    scene = Scene.everyday(bodies, exact=True, integrator=integrator, environment=[Plane(offset=-0.2)])
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane(offset=-0.2)])
     belief = belief_of(scene, box0={"position": [0.0, 0.0, top + SIDE / 2]}, shelf=dict.fromkeys(STDS, 0.0))
     tracker = Tracker(scene, belief)
     tracker.predict(2.0)
@@ -241,17 +236,12 @@ def test_what_lies_on_a_removed_body_falls(integrator):
     assert tracker.belief().mean[0, 2] == pytest.approx(-0.2 + SIDE / 2, abs=2e-3)
 
 
-@on_both
-def test_a_path_changes_at_run_time(integrator):
+def test_a_path_changes_at_run_time():
     brick = load_model("brick")  # its front comes to x = 0
     far, near = ([x - float(brick.bounds[1, 0]), 0.0, SIDE / 2] for x in (-0.2, 0.0))
     finger = RigidBody("finger", brick, trajectory=PosePath(times=[0.0, 9.0], positions=[far, far]))
     scene = Scene.everyday(
-        [finger, RigidBody("box0", box(), 0.3)],
-        exact=True,
-        environment=[Plane()],
-        friction=0.3,
-        integrator=integrator,
+        [finger, RigidBody("box0", box(), 0.3)], exact=True, environment=[Plane()], friction=0.3
     )
     tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
     tracker.predict(1.0)
@@ -441,9 +431,8 @@ def test_a_can_is_followed_whatever_its_angle_about_its_axis():
     assert spins[-1] == pytest.approx(-0.3 / radius, rel=0.15)  # contact tells what no pose shows
 
 
-@on_both
-def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it(integrator):
-    scene = table_scene(3, friction=0.3, integrator=integrator)
+def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it():
+    scene = table_scene(3, friction=0.3)
     row = [0.0, SIDE + 0.05, 2.0 * SIDE + 0.06]  # the middle one is hidden by the others
     start = np.array([state([x, 0.0, SIDE / 2], [1.2 * (k == 0), 0.0, 0.0]) for k, x in enumerate(row)])
     times = np.arange(1, 25) / RATE
@@ -465,12 +454,11 @@ def test_a_hidden_body_in_clutter_is_where_the_seen_one_pushed_it(integrator):
     assert tracker.status("box1") in (TrackStatus.COASTING, TrackStatus.RESTING)
 
 
-@on_both
-def test_bodies_at_rest_touch_what_they_rest_on(integrator):
+def test_bodies_at_rest_touch_what_they_rest_on():
     can = load_model("can")
     foot = -float(can.bounds[0, 2])
     bodies = [RigidBody("can", can, 0.3), RigidBody("lower", box(), 0.3), RigidBody("upper", box(), 0.3)]
-    scene = Scene.everyday(bodies, exact=True, integrator=integrator, environment=[Plane(name="table")])
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane(name="table")])
     known = {
         "can": {"position": [0.4, 0.0, foot]},
         "lower": {"position": RESTING[:3]},

@@ -15,7 +15,6 @@ from unc_physics import (
     Scene,
     make_propagator,
     rounded_box,
-    with_stiffness,
 )
 from unc_physics.tracking.ensemble import Gates
 from unc_physics.tracking.hypotheses import Filter, new_track
@@ -80,7 +79,6 @@ def angle(a, b):
 def begun(scene, samples=64, seed=0, **known):
     """A tracked scene and its state at time 0."""
     belief = belief_of(scene, **known)
-    scene = with_stiffness(scene, belief.mean)
     propagator = make_propagator("monte_carlo", samples=samples, seed=seed)
     tracked = TrackedScene(scene, {}, propagator, ContactNoise(), Gates(), 0.0)
     tracks = tuple(

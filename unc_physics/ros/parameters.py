@@ -340,6 +340,12 @@ class Settings:
         compared_rollouts(self.status_rollouts, "status_rollouts")
         if self.integrator == "explicit":
             refuse_with_explicit(SimpleNamespace(**self.physics))
+        elif self.stiffness != AUTO:
+            raise InvalidOptionError(
+                f"must be '{AUTO}' with 'integrator: implicit', whose contacts are rigid",
+                field="stiffness",
+                value=self.stiffness,
+            )
         if len(self.gravity) != 3:
             raise InvalidOptionError("must have 3 numbers", field="gravity", value=list(self.gravity))
         if not self.horizons or min(self.horizons) <= 0.0 or max(self.horizons) > self.max_horizon:

@@ -42,16 +42,19 @@ def _is_uncertain(key):
 def with_changes(physics: dict, given: dict) -> dict:
     """Return arguments of `Scene`: ``physics`` overridden by ``given``; None disables a law.
 
-    A given friction or restitution is exact unless its standard deviation is given, too. A change from
-    implicit to explicit drops what explicit lacks and nobody asked for: sleep, rolling friction, and errors
-    of contacts.
+    A given friction or restitution is exact unless its standard deviation is given, too. A change of the
+    integrator drops what the other one lacks and nobody asked for: explicit has no sleep, rolling friction
+    and errors of contacts, and implicit has no stiffness.
     """
     if "gravity" in given and given["gravity"] is None:
         given = given | {"gravity": (0.0, 0.0, 0.0)}  # `Scene` distinguishes this from a missing entry
     laws = {key for key, spec in PHYSICS_KEYS.items() if spec.law}
     overrides = {key: value for key, value in given.items() if value is not None or key in laws}
     replaced = {f"{key}_std" for key in ("friction", "restitution") if key in overrides}
-    if overrides.get("integrator") == "explicit" and physics.get("integrator") == "implicit":
+    integrator = overrides.get("integrator", physics.get("integrator"))
+    if integrator == "explicit" and physics.get("integrator") == "implicit":
         replaced |= {"sleep", "rolling_friction", *filter(_is_uncertain, physics)}
+    elif integrator == "implicit" and physics.get("integrator") == "explicit":
+        replaced |= {"stiffness", "stiffness_std"}
     physics = {key: value for key, value in physics.items() if key not in replaced} | overrides
     return {key: value for key, value in physics.items() if value is not None}

@@ -9,8 +9,7 @@ import numpy as np
 from unc_physics.checks.errors import DivergedError
 
 from ..jobs import Job, Outcome, Row, Settings
-from ..methods import OURS
-from ..order_cases import CASES, end_states, order_case
+from ..order_cases import CASES, end_states
 from ..results import Results
 from ..rollouts import ENGINES, available, missing_engines
 from ..tables import number, table
@@ -39,7 +38,7 @@ def missing(settings: Settings) -> list[str]:
 def run(job: Job) -> Outcome:
     """The error of one rollout; NaN where it diverges."""
     p = job.parameters
-    case = order_case(p["case"], p["engine"], 1.0 / p["rate"])
+    case = CASES[p["case"]](1.0 / p["rate"])
     try:
         error = case.error(end_states(case, p["engine"]))
     except DivergedError:
@@ -82,7 +81,7 @@ def report(results: Results) -> str:
     shown = rates[::2]  # the figure has all
     panels, lines, cases = [], [], []
     for name in (name for name in CASES if rows.where(case=name)):
-        case, curves = order_case(name, OURS, 1.0 / rates[0]), _curves(rows, name)
+        case, curves = CASES[name](1.0 / rates[0]), _curves(rows, name)
         panels.append(Panel(case.title, case.unit, case.floor, curves))
         for engine, curve in curves.items():
             errors = dict(zip(np.rint(1.0 / curve[:, 0]).astype(int).tolist(), curve[:, 1], strict=True))
