@@ -27,7 +27,7 @@ ROOT = Path(unc_physics.__file__).resolve().parents[1]
 ENTRY = Place("unc_physics.ros.server", "PredictionServer._predict")
 PROPAGATOR = Place("unc_physics.propagators.sigma_points", "SigmaPoints")
 #: Layers of the physics.
-LAYERS = "initialization", "dynamics", "collision"
+LAYERS = ("physics",)
 _ROUND_OFF = 1e-8
 _COMPARING = ast.Lt | ast.LtE | ast.Gt | ast.GtE
 _BOUNDED = "range", "min", "max"
