@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import inner
+from ..compiler import inner, kernel
 from ..compiler.arrays import booleans, empty, zeros
 from ..physics.everyday.columns import BODY_A, BODY_B, GAP0, IMPULSE, MU0, NORMAL, POINT, SLOW
 from ..spatial.layout import EP, ER, ERROR, EV, EW, P, V, W
@@ -44,6 +44,8 @@ class Directions(NamedTuple):
         Change of the speed by an error of the gap [1/s].
     hits, slides : (6,) bool arrays
         Whether it is an impact, and whether its friction is at the limit.
+    pose, velocity, gap : (6,) arrays
+        Room for errors of the body, and for those of gaps.
     """
 
     row: np.ndarray
@@ -53,6 +55,27 @@ class Directions(NamedTuple):
     late: np.ndarray
     hits: np.ndarray
     slides: np.ndarray
+    pose: np.ndarray
+    velocity: np.ndarray
+    gap: np.ndarray
+
+
+@kernel
+def no_directions():
+    """Return room for `Directions`, and for one that turns out to depend on others."""
+    n, m = _FREE + 1, _FREE
+    return Directions(
+        empty((n, m)),
+        empty((n, m)),
+        empty((n, m)),
+        zeros(n),
+        zeros(n),
+        booleans(n),
+        booleans(n),
+        empty(m),
+        empty(m),
+        empty(m),
+    )
 
 
 @inner
@@ -150,8 +173,7 @@ def hold(i, before, after, contact, count, world, blocks):
     rest = _time_since(i, before, after, contact, count, world)
     v0 = plus(start, times(world.length - rest, g))
     v1 = minus(three(after, i, V), times(rest, g))
-    d = Directions(empty((7, 6)), empty((7, 6)), empty((7, 6)), zeros(7), zeros(7), booleans(7), booleans(7))
-    r = normals = 0
+    d, r, normals = blocks.directions, 0, 0
     for what in range(3):  # loads, impacts, then friction
         for k in range(count):
             n, load = three(contact, k, NORMAL), _load(i, k, contact, world)
@@ -198,7 +220,7 @@ def _apply(F, R, rest, d, normals, count):
 
     They do so ``rest`` before the end of the step, from where it goes on with the velocities that are left.
     """
-    x, y, gap = empty(6), empty(6), empty(6)
+    x, y, gap = d.pose, d.velocity, d.gap
     for c in range(ERROR):
         turn = rotate(R, F[ER, c], F[ER + 1, c], F[ER + 2, c])
         for m in range(3):

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiler import inner
-from ..compiler.arrays import empty, zeros
 from ..spatial.layout import EP, ER, ERROR, EV, EW
 from ..spatial.random import RUN, combine, places
 from ..spatial.rotation import cross, exp, rotate, rotate_by_quaternion, tangents
@@ -38,15 +37,21 @@ class PerturbedContacts(NamedTuple):
     samples: int
     seed: int
     key: np.ndarray  # (1,) uint64: of the present step
+    #: spread, change: (3, 6) and (samples, 9): room for moments, and for each sample's force and torques
+    spread: np.ndarray
+    change: np.ndarray
 
 
 @inner
-def _pose_covariance(i, blocks, position, rotation):
-    """Add a body's covariances of position, and write that of its rotation, in world axes."""
+def _pose_covariance(i, blocks, position, rotation, own):
+    """Add a body's covariances of position, and write that of its rotation, in world axes.
+
+    ``own`` (3, 3) is room for that in body axes.
+    """
     rotation[:] = 0.0
     if blocks.of[i] < 0:
         return
-    own, S, R = empty((3, 3)), blocks.all[blocks.of[i]], blocks.R[i]
+    S, R = blocks.all[blocks.of[i]], blocks.R[i]
     for a in range(3):
         for b in range(3):
             if blocks.turns == 2:
@@ -104,13 +109,13 @@ def _add_bounded(A, B, arm_b, C, arm_c, axes, d, scale, k_sigma, ways, out):
 @kick_pair.of(TiltedNormals)
 def _tilt(method, a, b, first, last, states, contact, world, blocks):
     """Add Eqs. 21 to 23 of a pair's contacts, and the same of their levers, to the roots of both bodies."""
-    k_sigma, none, still = _OF_ONE_IMPULSE * method.k_sigma, zeros((3, 3)), (0.0, 0.0, 0.0)
-    position, turn_a, turn_b = zeros((3, 3)), empty((3, 3)), empty((3, 3))
-    _pose_covariance(a, blocks, position, turn_a)
-    _pose_covariance(b, blocks, position, turn_b)
+    k_sigma, still, small = _OF_ONE_IMPULSE * method.k_sigma, (0.0, 0.0, 0.0), blocks.small
+    none, position, turn_a, turn_b, V, T = small[0], small[1], small[2], small[3], small[4], small[5]
+    none[:], position[:] = 0.0, 0.0
+    _pose_covariance(a, blocks, position, turn_a, V)
+    _pose_covariance(b, blocks, position, turn_b, V)
     area = _touches_area(a, b, first, last, states, contact, world, blocks)
     slip = none if area else position
-    V, T = empty((3, 3)), empty((3, 3))
     for k in range(first, last):
         m = meeting(k, a, b, states, contact, world, blocks)
         if m.acting <= 0.0:
@@ -172,16 +177,15 @@ def _touches_area(a, b, first, last, states, contact, world, blocks):
 @kick_pair.of(PerturbedContacts)
 def _sample(method, a, b, first, last, states, contact, world, blocks):
     """Add Eqs. 34 and 35 of a pair's contacts to both covariances: one draw of both poses for all of them."""
-    position, turn_a, turn_b = zeros((3, 3)), empty((3, 3)), empty((3, 3))
-    _pose_covariance(a, blocks, position, turn_a)
-    _pose_covariance(b, blocks, position, turn_b)
-    L, A, B = empty((3, 3)), empty((3, 3)), empty((3, 3))
+    small, spread, change, found = blocks.small, method.spread, method.change, 0
+    position, turn_a, turn_b, L, A, B = small[0], small[1], small[2], small[3], small[4], small[5]
+    position[:], spread[:], change[:] = 0.0, 0.0, 0.0
+    _pose_covariance(a, blocks, position, turn_a, L)
+    _pose_covariance(b, blocks, position, turn_b, L)
     write_cholesky(position, 0, L)
     write_cholesky(turn_a, 0, A)
     write_cholesky(turn_b, 0, B)
-    spread, found = zeros((3, 6)), 0
     area = _touches_area(a, b, first, last, states, contact, world, blocks)
-    change = zeros((method.samples, 9))
     key, table = combine(combine(method.key[0], a), b), method.table
     for k in range(first, last):
         m = meeting(k, a, b, states, contact, world, blocks)

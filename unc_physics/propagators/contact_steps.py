@@ -26,7 +26,7 @@ from ..spatial.layout import ERROR, Q, V, W
 from ..spatial.rotation import cross, rotate, rotate_back, write_matrix
 from ..spatial.vectors import dot, minus, plus, three, times
 from .base import Propagator
-from .contact_holds import arm_at, hold
+from .contact_holds import Directions, arm_at, hold, no_directions
 
 _AT_ONCE = 64  # steps whose contacts are kept at a time: some megabytes for dozens of bodies
 _STILL = 1e-6  # m/s, slip that has no direction
@@ -77,6 +77,8 @@ class Blocks(NamedTuple):
     step: np.ndarray  # (12, 12): derivative of a step of one body
     room: np.ndarray  # (12, 12)
     turn: np.ndarray  # (3, 3): a block of the drift's derivative
+    small: np.ndarray  # (8, 3, 3): room for matrices
+    directions: Directions  # room for those of one body
 
 
 class Meeting(NamedTuple):
@@ -188,7 +190,18 @@ def _advance_blocks(method, all_blocks, turns, states, contact, count, world, la
     n = len(moving)
     number = np.where(moving, np.cumsum(moving) - 1, -1)
     rooms = empty((n, 3, 3)), empty((n, 3, 3)), empty((ERROR, ERROR)), empty((ERROR, ERROR)), empty((3, 3))
-    blocks = Blocks(all_blocks, turns, number, rooms[0], rooms[1], rooms[2], rooms[3], rooms[4])
+    blocks = Blocks(
+        all_blocks,
+        turns,
+        number,
+        rooms[0],
+        rooms[1],
+        rooms[2],
+        rooms[3],
+        rooms[4],
+        empty((8, 3, 3)),
+        no_directions(),
+    )
     for i in range(len(moving)):
         write_matrix((0.0, 0.0, 0.0, 1.0), blocks.R, i)
         blocks.inverse[i] = 0.0

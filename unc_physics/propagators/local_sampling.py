@@ -61,7 +61,9 @@ class LocalSampling(NominalWithBlocks):
         return LocalSamplingCarry(mean[0], belief.blocks.copy(), history, 0)
 
     def contact_method(self):
-        return PerturbedContacts(*self._draws, np.empty(1, np.uint64))
+        return PerturbedContacts(
+            *self._draws, np.empty(1, np.uint64), np.empty((3, 6)), np.empty((self.samples, 9))
+        )
 
     def advance_explicit(self, carry, scene, steps):
         mean, covariance = carry.mean.copy(), carry.covariance.copy()
