@@ -6,6 +6,8 @@ import trimesh
 from example_meshes import MESHES
 
 from unc_physics.checks.errors import InvalidMeshError, InvalidOptionError, NotSupportedError
+from unc_physics.descriptions.parts import Shape
+from unc_physics.descriptions.shape_solid import shape_solid
 from unc_physics.shapes import mesh_pieces as module
 from unc_physics.shapes.mass_properties import mass_properties
 from unc_physics.shapes.mesh_pieces import hull_piece, hull_pieces, mesh_pieces, simple_pieces
@@ -52,8 +54,7 @@ def test_a_nearly_convex_mesh_is_its_hull():
     mesh = trimesh.convex.convex_hull(points * [0.1, 0.05, 0.02])
     found = mesh_pieces(solid_of("pebble", mesh))
     assert found.kind == "hull" and len(found.pieces) == 1 and found.note is None
-    assert len(found.pieces[0].points) <= module._CORNERS
-    assert found.error.outside < 0.02 * found.extent and found.error.inside < 1e-6
+    assert found.error.outside < 0.002 * found.extent and found.error.inside < 1e-6
 
 
 def test_without_coacd_a_mesh_is_not_cut(monkeypatch):
@@ -62,11 +63,47 @@ def test_without_coacd_a_mesh_is_not_cut(monkeypatch):
         mesh_pieces(bracket())
 
 
-def test_a_hull_of_many_points_has_few_corners_and_is_near_them():
+@pytest.mark.parametrize("depth", [0.05, 0.01])
+def test_a_hull_of_many_points_has_the_corners_that_its_depth_needs(depth):
+    """Of n points, evenly on a unit ball, the triangles are 2.42 / n deep; without evenness it takes more."""
+    mesh = trimesh.creation.icosphere(subdivisions=4)
+    hull = hull_piece(np.asarray(mesh.vertices), depth)
+    assert 1.0 < len(hull.points) / (2.42 / depth) < 2.1
+    assert surface_error([hull], np.asarray(mesh.triangles), 500).outside < 1.001 * depth
+
+
+def test_an_egg_of_many_triangles_is_as_near_as_an_ellipsoid_of_a_world():
+    """Both are hulls, within 0.2 % of the extent."""
     mesh = trimesh.creation.icosphere(subdivisions=5)
-    hull = hull_piece(np.asarray(mesh.vertices), 0.05)
-    assert len(hull.points) <= module._CORNERS
-    assert surface_error([hull], np.asarray(mesh.triangles), 500).outside < 0.05
+    mesh.vertices *= np.array([0.05, 0.035, 0.025])
+    (hull,) = mesh_pieces(solid_of("egg", mesh)).pieces
+    radii = np.linalg.norm(hull.points / [0.05, 0.035, 0.025], axis=1)
+    np.testing.assert_allclose(radii, 1.0, atol=1e-6)
+    own = shape_solid(Shape("ellipsoid", np.eye(4), (0.05, 0.035, 0.025))).pieces
+    for pieces in ([hull], own):
+        assert surface_error(pieces, np.asarray(mesh.triangles)).outside < module.HULL_DEPTH * 0.1
+    assert len(own[0].points) < len(hull.points) < 1.4 * len(own[0].points)
+
+
+def test_a_tolerance_makes_a_ring_finer():
+    """n sectors stick out of the hole by its radius times 1 - cos(pi / n), 0.1 mm of 40 mm with 45."""
+    ring = solid_of("ring", trimesh.creation.torus(0.045, 0.005, major_sections=100, minor_sections=32))
+    coarse = mesh_pieces(ring)
+    assert coarse.error.largest > 3e-4 and len(coarse.pieces) <= module.PIECES
+    found = mesh_pieces(ring, tolerance=1e-4)
+    assert found.error.largest <= 1e-4 and 45 <= len(found.pieces) < 50
+    with pytest.raises(InvalidMeshError, match=r"mm off its \d+ pieces, and 0.1 mm are allowed"):
+        mesh_pieces(ring, 32, 1e-4)
+    assert len(mesh_pieces(ring, tolerance=0.005).pieces) == len(coarse.pieces), "no coarser"
+
+
+def test_a_tolerance_decides_whether_few_sides_are_round():
+    """The chords of 24 sides are 0.86 % of the radius deep."""
+    solid = solid_of("rod", trimesh.creation.cylinder(0.05, 0.2, sections=24))
+    assert mesh_pieces(solid).kind == "cylinder"
+    assert mesh_pieces(solid, tolerance=5e-4).kind == "cylinder"
+    found = mesh_pieces(solid, tolerance=3e-4)
+    assert found.kind == "hull" and found.error.largest < 1e-6
 
 
 def test_the_surface_error_sees_both_surfaces():
@@ -106,7 +143,7 @@ def test_numbers_of_pieces(value):
 def test_a_tolerance_that_the_pieces_miss(monkeypatch):
     monkeypatch.setattr(module, "_decomposed", lambda solid, *_: hull_pieces(solid))
     with pytest.raises(
-        InvalidMeshError, match="mesh bracket is .* mm off its 1 pieces, and 10 mm are allowed"
+        InvalidMeshError, match="mesh bracket is .* mm off its 1 piece, and 10 mm are allowed"
     ):
         mesh_pieces(bracket())
     assert mesh_pieces(bracket(), tolerance=0.1).kind == "hull of a mesh that is not convex"

@@ -32,6 +32,11 @@ def plain_digits(value: float, digits: int = 4) -> str:
     return format_float_positional(value, digits, unique=False, fractional=False, trim="-")
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number with a noun in singular or plural, as "1 piece" and "2 pieces"."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def shown(value: Any) -> str:
     """Format a value for a sentence: in one line, with plain numbers, shortened."""
     try:

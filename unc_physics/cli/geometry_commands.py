@@ -6,12 +6,11 @@ import argparse
 import time
 from pathlib import Path
 
-from ..checks.shown import plain_digits, printable
+from ..checks.shown import counted, plain_digits, printable
 from ..programs import dying_at_interrupt
 from .arguments import add_options
 from .output import PROGRESS_AFTER, check_output, note, writing
 
-_PIECES = 32  # the default of `mesh_pieces`, which is not imported for --help
 _LARGE, _SMALL = 1e4, 1.0  # size range of a body [mm]; outside it, the mesh may have another unit
 
 
@@ -47,15 +46,17 @@ def add_pack_command(commands) -> None:
     parser.add_argument(
         "--pieces",
         type=int,
-        default=_PIECES,
         metavar="P",
-        help="number of convex pieces to aim at (default 32); more are not always nearer to the mesh",
+        help="number of convex pieces, at most (default: 32, or with --tolerance as many as it takes)",
     )
     parser.add_argument(
         "--tolerance",
         type=float,
         metavar="M",
-        help="largest distance between the pieces and the mesh [m] (default: 10 %% of its longest side)",
+        help=(
+            "largest distance between the pieces and the mesh [m]: they are made finer until they are within"
+            " it (default: 10 %% of its longest side, for which nothing is made finer)"
+        ),
     )
     parser.add_argument("--name", help="name of the model (default: the name of OUT.npz, or else of MESH)")
     parser.add_argument(
@@ -153,7 +154,8 @@ def run_pack(arguments: argparse.Namespace) -> int:
     from ..shapes.solid_mesh import load_solid, mesh_notes
 
     _check_positive("-n", arguments.spheres)
-    _check_positive("--pieces", arguments.pieces)
+    if arguments.pieces is not None:
+        _check_positive("--pieces", arguments.pieces)
     for option in ("scale", "mass", "tolerance"):
         value = getattr(arguments, option)
         if value is not None and not 0.0 < value < float("inf"):
@@ -180,11 +182,11 @@ def run_pack(arguments: argparse.Namespace) -> int:
         for line in mesh_notes(Path(arguments.mesh)):
             note(line)
         solid = solid.scaled(arguments.scale)
-    solid = replace(solid, name=name)
+    solid = replace(solid, name=arguments.mesh)
     about |= {"largest_first": arguments.largest_first}
     if not about.get("pieces"):
         about |= _pieces(solid, arguments.pieces, arguments.tolerance, arguments.threads)
-    _pack(solid, arguments.spheres, arguments.threads, output, **about)
+    _pack(solid, name, arguments.spheres, arguments.threads, output, **about)
     _note_units(solid, arguments.scale)
     return 0
 
@@ -294,7 +296,7 @@ def run_show(arguments: argparse.Namespace) -> int:
         draw_levels(output, parts, up=arguments.up)
     print(quality_table(parts))
     if not packing.has_only_spheres:
-        print(f"{len(packing.pieces)} pieces: {packing.pieces_kind or 'of unknown origin'}")
+        print(f"{counted(len(packing.pieces), 'piece')}: {packing.pieces_kind or 'of unknown origin'}")
         if packing.pieces_error is not None:
             print(error_text(packing.pieces_error))
     else:
@@ -324,7 +326,7 @@ def _make(arguments):
         about |= {"largest_first": RECIPES[name].largest_first}
         if "pieces" not in about:
             about |= _pieces(solid, RECIPES[name].pieces, None, arguments.threads)
-        _pack(solid, arguments.spheres or RECIPES[name].spheres, arguments.threads, output, **about)
+        _pack(solid, name, arguments.spheres or RECIPES[name].spheres, arguments.threads, output, **about)
     return 0
 
 
@@ -344,11 +346,8 @@ def _pieces(solid, most, tolerance, threads):
             "ask for more pieces, or allow", "--pieces asks for more, --tolerance for"
         )
         raise InvalidMeshError(problem, field=error.field, value=error.value) from None
-    count = len(found.pieces)
-    print(
-        f"{count} piece{'s' * (count > 1)}: {found.kind} ({time.perf_counter() - start:.1f} s)\n"
-        f"{error_text(found.error)}"
-    )
+    pieces = counted(len(found.pieces), "piece")
+    print(f"{pieces}: {found.kind} ({time.perf_counter() - start:.1f} s)\n{error_text(found.error)}")
     if found.note:
         note(found.note)
     return found.entries
@@ -363,16 +362,16 @@ def error_text(error) -> str:
     )
 
 
-def _pack(solid, count, threads, output, **about):
+def _pack(solid, name, count, threads, output, **about):
     """Pack with a progress bar, write the file, and print a summary."""
+    from dataclasses import replace
+
     from tqdm import tqdm
 
     from ..shapes.packing import pack_solid
     from ..shapes.packing_file import save_packing
 
-    with tqdm(
-        total=count, unit="sphere", desc=solid.name, delay=PROGRESS_AFTER, disable=None, leave=False
-    ) as bar:
+    with tqdm(total=count, unit="sphere", desc=name, delay=PROGRESS_AFTER, disable=None, leave=False) as bar:
 
         def progress(placed, fill):
             bar.set_postfix_str(f"fill {100.0 * fill:.1f} %", refresh=False)
@@ -381,9 +380,10 @@ def _pack(solid, count, threads, output, **about):
         packing = pack_solid(
             solid, count, threads=threads, progress=None if bar.disable else progress, **about
         )
+        packing = replace(packing, name=name)
     with writing(output, "--output"):
         save_packing(output, packing)
-    print(table([packing], [solid.name]))
+    print(table([packing], [name]))
     if len(packing) < count:
         print(
             f"stopped at {len(packing)} of {count} spheres and a fill of {100.0 * packing.fill:.1f} %: no gap"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..checks.shown import printable
-from .output import check_output, note, writing
+from ..checks.shown import counted, printable
+from .output import check_output, note, progress_display, writing
 
 _HEAD = """\
 # {what}, from {source}.
@@ -57,13 +57,17 @@ def run_import(arguments) -> int:
     from ..shapes.packing_file import save_packing
 
     output = check_output(arguments.output, ".yaml", "--output")
-    world = load_world(
-        arguments.world,
-        spheres=arguments.spheres,
-        configuration=dict(map(_joint, arguments.joint)) or None,
-        uniform=arguments.uniform,
-        repair=arguments.repair,
-    )
+    source = printable(Path(arguments.world).name)
+    remedy = "Ctrl-C ends it, fewer spheres (-n) take less time"
+    with progress_display("import", "part", source, remedy) as progress:
+        world = load_world(
+            arguments.world,
+            spheres=arguments.spheres,
+            configuration=dict(map(_joint, arguments.joint)) or None,
+            uniform=arguments.uniform,
+            repair=arguments.repair,
+            progress=progress,
+        )
     folder = output.parent / f"{output.stem}_models"
     content = {
         "physics": "everyday",
@@ -81,10 +85,9 @@ def run_import(arguments) -> int:
         moving = sum(not body.fixed for body in world.bodies)
         elements, bodies = len(world.environment), len(world.bodies)
         what = (
-            f"{elements} element{'s' * (elements != 1)} of the environment and"
+            f"{counted(elements, 'element')} of the environment and"
             f" {bodies} bod{'y' if bodies == 1 else 'ies'}"
         )
-        source = printable(Path(arguments.world).name)
         head = _HEAD.format(what=what, source=source, name=printable(output.name))
         output.write_text(head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110))
     print(f"{what}, {moving} of which move")

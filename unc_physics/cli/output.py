@@ -15,6 +15,7 @@ from ..checks.shown import printable
 
 PROGRESS_AFTER = 2.0  # s, until a bar is drawn
 NOTE_AFTER = 30.0  # s, until the first note; the interval doubles after each
+_REMEDY = "--time-limit or Ctrl-C ends it, a shorter --horizon takes less time"
 
 
 def note(text: str) -> None:
@@ -65,7 +66,9 @@ def writing(path: Path, field: str):
 
 
 @contextlib.contextmanager
-def progress_display(name: str, unit: str, work: str) -> Iterator[Callable[[int, int], None] | None]:
+def progress_display(
+    name: str, unit: str, work: str, remedy: str = _REMEDY
+) -> Iterator[Callable[[int, int], None] | None]:
     """Report the progress of the work in the ``with`` block.
 
     Yields a function of the amount done and the total, or None without a terminal. Work that reports progress
@@ -77,8 +80,8 @@ def progress_display(name: str, unit: str, work: str) -> Iterator[Callable[[int,
         Name of the command or method.
     unit : str
         Unit of progress, singular.
-    work : str
-        Description of the work, for the notes.
+    work, remedy : str
+        Description of the work, and what makes it shorter, for the notes.
     """
     from tqdm import tqdm
 
@@ -89,10 +92,16 @@ def progress_display(name: str, unit: str, work: str) -> Iterator[Callable[[int,
             bar.update(done - bar.n)
 
         if not bar.disable:
-            yield show
+            timer = threading.Timer(PROGRESS_AFTER, bar.refresh)  # if nothing is done until then
+            timer.daemon = True
+            timer.start()
+            try:
+                yield show
+            finally:
+                timer.cancel()
             return
     over = threading.Event()
-    thread = threading.Thread(target=_note_until, args=(over, name, work), daemon=True)
+    thread = threading.Thread(target=_note_until, args=(over, name, work, remedy), daemon=True)
     thread.start()
     try:
         yield None
@@ -101,17 +110,14 @@ def progress_display(name: str, unit: str, work: str) -> Iterator[Callable[[int,
         thread.join()
 
 
-def _note_until(over, name, work):
+def _note_until(over, name, work, remedy):
     """Print notes on standard error until the work is over."""
     started, pause = time.monotonic(), NOTE_AFTER
     while not over.wait(pause):
         from ..compiler.compile_time import is_compiling  # slow to import
 
         pause = time.monotonic() - started
-        doing, remedy = (
-            f"at work on {work}",
-            "--time-limit or Ctrl-C ends it, a shorter --horizon takes less time",
-        )
+        doing, then = f"at work on {work}", remedy
         if is_compiling():
-            doing, remedy = "compiling kernels", "Ctrl-C ends it"
-        note(f"{name}: still {doing} after {pause:.0f} s; {remedy}")
+            doing, then = "compiling kernels", "Ctrl-C ends it"
+        note(f"{name}: still {doing} after {pause:.0f} s; {then}")

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..checks.errors import InvalidRequestError, LimitExceededError, UncPhysicsError
+from ..checks.shown import counted
 
 #: Kinds of shapes that can be packed, and kinds that are elements of an environment.
 SOLIDS = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "cone", "mesh")
@@ -186,9 +187,8 @@ def read_numbers(text: str, count: int, field: str) -> np.ndarray:
     except ValueError:
         values = np.empty(0)
     if len(values) != count or not np.isfinite(values).all():
-        several = f"{count} number{'s' * (count > 1)}"
         finite = "" if np.isfinite(values).all() else ", finite"
-        raise InvalidRequestError(f"must be {several}{finite}", field=field, value=text)
+        raise InvalidRequestError(f"must be {counted(count, 'number')}{finite}", field=field, value=text)
     return values
 
 

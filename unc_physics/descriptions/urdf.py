@@ -89,8 +89,9 @@ def _with_angles(origin, field):
 def read_urdf(path: Path, configuration: Mapping[str, float] | None = None) -> Description:
     """Read the links of a URDF (`reading.read_description`).
 
-    The only link of a file without joints is a free body if it has a mass, unless it is called ``world``. So
-    is a link at a floating joint without further links. All others are fixed, or moved by their joints.
+    The only link of a file without joints is a free body, unless it is called ``world``. So is a link at a
+    floating joint without further links. Without a mass they are fixed. All others are fixed, or moved by
+    their joints.
     """
     robot, root = load_robot(path)
     if configuration is not None:
@@ -110,7 +111,7 @@ def read_urdf(path: Path, configuration: Mapping[str, float] | None = None) -> D
             continue
         left_out += [f"{name}: a shape that is not read: {what}" for what in unknown]
         free = name in floating and inertial is not None
-        moves = "" if free else moved.get(name, "")
+        moves = "" if name in floating else moved.get(name, "")
         pose = np.array(robot.get_transform(name), float)
         links.append(Link(name, pose, shapes, inertial, moves, free))
     return Description(path, tuple(links), tuple(left_out))

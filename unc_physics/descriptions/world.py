@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import chain, count
 from typing import Any, NamedTuple
@@ -53,6 +53,7 @@ def load_world(
     configuration: Mapping[str, float] | None = None,
     uniform: bool = False,
     repair: bool = False,
+    progress: Callable[[int, int], None] | None = None,
 ) -> WorldDescription:
     """Read environment and bodies from a URDF, SDF or MJCF file.
 
@@ -69,6 +70,8 @@ def load_world(
         Whether to compute centre of mass and inertia from the shape at uniform density, instead of the file.
     repair : bool
         Whether to repair meshes that are not closed, by trimesh.
+    progress : callable, optional
+        Called before each link with the number of links that are done, and of all.
 
     Returns
     -------
@@ -83,7 +86,9 @@ def load_world(
     instance(configuration, (Mapping, type(None)), "configuration")
     description = read_description(path, configuration)
     found = _Collected(list(description.left_out), list(description.notes))
-    for link in description.links:
+    for k, link in enumerate(description.links):
+        if progress:
+            progress(k, len(description.links))
         if link.moves:
             found.left_out.append(f"{link.name}: {link.moves}")
             continue

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..checks.shown import drawn_text, plain_digits
+from ..checks.shown import counted, drawn_text, plain_digits
 from ..shapes.piece_mesh import piece_mesh
 
 PIXELS = 640
 VIEW = np.array([0.62, -0.70, 0.36])  # towards the eye, z up
 LIGHT = np.array([-0.35, 0.55, 0.76])  # right, up, towards the eye
+_ROUND_OFF = 1e-9  # share of a triangle by which its edge may pass a pixel's middle
+_COINCIDENT = 1e-5  # share of a picture's half width: distance of surfaces that coincide
 
 
 def draw_levels(path, packings, up="z") -> None:
@@ -32,7 +34,7 @@ def draw_levels(path, packings, up="z") -> None:
         axes = figure.add_subplot(1, len(panels), k + 1)
         if k < len(shapes):
             draw_triangles(axes, [piece_mesh(piece) @ axes_of_view.T - middle for piece in shown], half)
-            axes.set_title(f"{len(shown)} piece{'s' * (len(shown) > 1)}", fontsize=10)
+            axes.set_title(counted(len(shown), "piece"), fontsize=10)
         else:
             draw_balls(axes, shown, axes_of_view, middle, half, (sizes.min(), sizes.max()))
             count = f"{len(shown):,}".replace(",", "\u202f")
@@ -64,25 +66,15 @@ def draw_balls(axes, packing, axes_of_view, middle, half, size_range) -> None:
 def draw_triangles(axes, parts, half) -> None:
     """Draw parts, each of triangles (m, 3, 3) in view coordinates [m], each part in a colour of its own [mm].
 
-    Far triangles are drawn first.
+    ``half`` is half of the picture's width [m].
     """
     from matplotlib import colormaps
-    from matplotlib.collections import PolyCollection
 
-    triangles = np.concatenate(parts)
     part = np.repeat(np.arange(len(parts)), [len(some) for some in parts])
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     colors = colormaps["tab20"](part % 20)[:, :3] if len(parts) > 1 else np.full((len(part), 3), 0.7)
-    shade = 0.45 + 0.55 * np.maximum(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0)
-    seen = np.flatnonzero(normals[:, 2] > 0.0)
-    order = seen[np.argsort(triangles[seen, :, 2].mean(axis=1), kind="stable")]
-    fill = shade[order, None] * colors[order]
-    axes.add_collection(
-        PolyCollection(list(1e3 * triangles[order, :, :2]), facecolors=fill, edgecolors=fill, linewidths=0.3)
-    )
-    axes.set_xlim(-1e3 * half, 1e3 * half)
-    axes.set_ylim(-1e3 * half, 1e3 * half)
+    extent = -1e3 * half, 1e3 * half, -1e3 * half, 1e3 * half
+    image = shaded_triangles(np.concatenate(parts), colors, half)
+    axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear")
 
 
 def view_axes(up):
@@ -129,4 +121,33 @@ def shaded_balls(centers, radii, half, size_range):
         shade = 0.30 + 0.70 * np.maximum(dx * light[0] + dy * light[1] + nz * light[2], 0.0)
         depth[i0:i1, j0:j1][seen] = front[seen]
         image[i0:i1, j0:j1][seen] = shade[seen][:, None] * color
+    return image
+
+
+def shaded_triangles(triangles, colors, half):
+    """Return an image (PIXELS, PIXELS, 3) of triangles (m, 3, 3) in view coordinates with colours (m, 3).
+
+    Where surfaces coincide, as where pieces overlap, the first one is seen.
+    """
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    areas = normals[:, 2]  # twice, as seen
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    fill = (0.45 + 0.55 * np.maximum(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0))[:, None] * colors
+    pixel = 2.0 * half / PIXELS
+    grid = (np.arange(PIXELS) + 0.5) * pixel - half
+    depth = np.full((PIXELS, PIXELS), -np.inf)
+    image = np.ones((PIXELS, PIXELS, 3))
+    first = np.searchsorted(grid, triangles[:, :, :2].min(axis=1))
+    last = np.searchsorted(grid, triangles[:, :, :2].max(axis=1))
+    for k in np.flatnonzero((areas > 0.0) & (last > first).all(axis=1)):
+        (j0, i0), (j1, i1) = first[k], last[k]
+        x, y = grid[None, j0:j1], grid[i0:i1, None]
+        a, b, c = triangles[k]
+        v = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / areas[k]
+        w = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / areas[k]
+        front = a[2] + v * (b[2] - a[2]) + w * (c[2] - a[2])
+        seen = np.minimum(np.minimum(v, w), 1.0 - v - w) >= -_ROUND_OFF
+        seen &= front > depth[i0:i1, j0:j1] + _COINCIDENT * half
+        depth[i0:i1, j0:j1][seen] = front[seen]
+        image[i0:i1, j0:j1][seen] = fill[k]
     return image

@@ -36,7 +36,7 @@ from ..checks.errors import (
     UncPhysicsError,
     UnknownModelError,
 )
-from ..checks.shown import printable
+from ..checks.shown import counted, printable
 from ..scene.scene_file import load_shape
 from ..shapes.library import list_models
 from ..shapes.packing_file import HULL, SpherePacking, load_packing, save_packing
@@ -453,7 +453,7 @@ def _info(library, name, path):
 def _pieces_text(packing):
     if packing.has_only_spheres:
         return "no pieces, only spheres: a small body can pass between them"
-    return f"{len(packing.pieces)} pieces: {packing.pieces_kind or 'of the file'}"
+    return f"{counted(len(packing.pieces), 'piece')}: {packing.pieces_kind or 'of the file'}"
 
 
 def packing_info(packing: SpherePacking, name: str, path: str | Path = "") -> ModelInfo:

@@ -19,12 +19,13 @@ from ..checks.errors import (
     NotSupportedError,
     UncPhysicsError,
 )
+from ..checks.shown import counted
 from .convex_parts import convex_parts
 from .packing_file import HULL
 from .piece_file import PIECES_LIMIT
 from .pieces import Hull, Piece
 from .recognition import recognized
-from .solid_mesh import SolidMesh, hull_corners, unique_rows
+from .solid_mesh import SolidMesh, unique_rows
 from .surface_error import SurfaceError, surface_error
 
 #: Number of pieces of a mesh, if no other number is asked for.
@@ -36,12 +37,13 @@ NOTED, REFUSED = 0.02, 0.10
 #: Concavities at which coacd stops to cut; of those, the number that is always tried. The finer ones are for
 #: meshes with thin walls: they are tried until the error is within the tolerance.
 _THRESHOLDS, _TRIED = (0.1, 0.05, 0.02, 0.01), 2
-#: Shares of the extent: by which a mesh is simplified before it is cut, and by which hulls are.
-_SIMPLIFIED, _HULL = 0.003, 0.001
-#: Most corners of a hull.
-_CORNERS = 96
+#: Share of the extent by which a mesh is simplified before it is cut.
+_SIMPLIFIED = 0.003
+#: Share of the extent by which a mesh is outside its hull, at most: the hull's number of corners follows.
+HULL_DEPTH = 0.002
 #: Errors that differ by less, as a share of the extent, are equal: then fewer pieces are better.
 _EQUAL = 0.001
+_AT_ONCE = 4_000_000  # heights of points above faces: 32 MB
 _STARTS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z])
 
 
@@ -81,15 +83,17 @@ class MeshPieces(NamedTuple):
         )
 
 
-def simple_pieces(solid: SolidMesh, most: int = PIECES) -> tuple[tuple[Piece, ...], str] | None:
+def simple_pieces(
+    solid: SolidMesh, most: int | None = None, tolerance: float | None = None
+) -> tuple[tuple[Piece, ...], str] | None:
     """Return pieces and their kind if each component of a solid is a simple shape or convex, else None.
 
-    Sealed cavities are filled, as no other body gets there.
+    Sealed cavities are filled, as no other body gets there. The other arguments are those of `mesh_pieces`.
     """
     pieces: list[Piece] = []
     kinds: list[str] = []
     for corners in solid.parts:
-        found = recognized(corners, most) or _convex(corners)
+        found = _component(corners, most, tolerance)
         if found is None:
             return None
         kinds.append(found[0])
@@ -104,7 +108,7 @@ def hull_pieces(solid: SolidMesh) -> MeshPieces:
 
     Raises `InvalidMeshError` if it is too flat.
     """
-    hull = _hull_or_none(solid.corners.reshape(-1, 3), _HULL * _extent(solid))
+    hull = _hull_or_none(solid.corners.reshape(-1, 3), HULL_DEPTH * _extent(solid))
     if hull is None:
         raise InvalidMeshError("is too flat for a hull", field=f"mesh {solid.name}")
     return measured_pieces((hull,), HULL, solid)
@@ -112,7 +116,7 @@ def hull_pieces(solid: SolidMesh) -> MeshPieces:
 
 def mesh_pieces(
     solid: SolidMesh,
-    most: int = PIECES,
+    most: int | None = None,
     tolerance: float | None = None,
     seconds: float | None = None,
     threads: int | None = None,
@@ -127,10 +131,12 @@ def mesh_pieces(
     Parameters
     ----------
     solid : SolidMesh
-    most : int
-        Number of pieces, at most; a hollow surface of revolution may need more.
+    most : int, optional
+        Number of pieces, at most; a hollow surface of revolution may need more. By default 32, or with a
+        tolerance as many as it takes.
     tolerance : float, optional
-        Largest surface error [m]. By default 10 % of the extent.
+        Largest surface error [m]; pieces are made finer until they are within it. By default 10 % of the
+        extent, for which nothing is made finer.
     seconds : float, optional
         Time for cutting; the best result until then is kept.
     threads : int, optional
@@ -149,11 +155,12 @@ def mesh_pieces(
     TimeoutError
         If the time was not enough for a first result.
     """
-    if isinstance(most, bool) or not isinstance(most, (int, np.integer)) or not 1 <= most <= PIECES_LIMIT:
+    is_number = isinstance(most, (int, np.integer)) and not isinstance(most, bool)
+    if most is not None and not (is_number and 1 <= most <= PIECES_LIMIT):
         raise InvalidOptionError(f"must be an integer from 1 to {PIECES_LIMIT}", field="pieces", value=most)
     if tolerance is not None and not 0.0 < tolerance < np.inf:
         raise InvalidOptionError("must be a positive number", field="tolerance", value=tolerance)
-    simple = simple_pieces(solid, most)
+    simple = simple_pieces(solid, most, tolerance)
     found = (
         measured_pieces(*simple, solid)
         if simple
@@ -162,7 +169,7 @@ def mesh_pieces(
     limit = REFUSED * found.extent if tolerance is None else tolerance
     if found.error.largest > limit:
         raise InvalidMeshError(
-            f"is {1e3 * found.error.largest:.3g} mm off its {len(found.pieces)} pieces, and"
+            f"is {1e3 * found.error.largest:.3g} mm off its {counted(len(found.pieces), 'piece')}, and"
             f" {1e3 * limit:.3g} mm are allowed; ask for more pieces, or allow a larger tolerance",
             field=f"mesh {solid.name}",
         )
@@ -184,28 +191,41 @@ def best_pieces(
     return None
 
 
-def hull_piece(points: np.ndarray, tolerance: float) -> Hull:
-    """Return the convex hull of points (n, 3) with at most `_CORNERS` corners.
+def hull_piece(points: np.ndarray, depth: float) -> Hull:
+    """Return the convex hull of points (n, 3), without corners that are not needed.
 
-    Corners are added where the hull is farthest from the points, until it is within a tolerance [m].
+    Corners are added where points are farthest from the hull's faces, until none is farther outside than a
+    depth [m].
     """
     from scipy.spatial import ConvexHull
 
-    corners = hull_corners(points)
-    if len(corners) <= _CORNERS:
-        return Hull(corners)
+    corners = points[ConvexHull(points).vertices]
     chosen = np.unique((corners @ _STARTS.T).argmax(axis=0))
     inner = ConvexHull(corners[chosen], incremental=True)
-    left = np.ones(len(corners), bool)
-    left[chosen] = False
-    for _ in range(_CORNERS - len(chosen)):
-        outside = (corners @ inner.equations[:, :3].T + inner.equations[:, 3]).max(axis=1)
-        farthest = int(np.where(left, outside, -np.inf).argmax())
-        if outside[farthest] <= tolerance:
-            break
-        inner.add_points(corners[farthest][None])
-        left[farthest] = False
-    return Hull(corners[~left])
+    left = np.setdiff1d(np.arange(len(corners)), chosen)
+    while True:
+        face, outside = _farthest_face(corners[left], inner.equations)
+        far = outside > depth
+        left, face, outside = left[far], face[far], outside[far]
+        if not far.any():
+            return Hull(corners[np.sort(chosen)])
+        blocked, new = np.zeros(len(inner.simplices), bool), []
+        for k in np.argsort(-outside, kind="stable"):
+            if not blocked[face[k]]:  # one for each face, and none beside another of this round
+                new.append(k)
+                blocked[[face[k], *inner.neighbors[face[k]]]] = True
+        inner.add_points(corners[left[new]])
+        chosen, left = np.append(chosen, left[new]), np.delete(left, new)
+
+
+def _farthest_face(points, planes):
+    """Return for each point (n, 3) the plane (f, 4) that it is farthest above, and how far."""
+    parts = np.array_split(points, len(points) * len(planes) // _AT_ONCE + 1)
+    face, height = np.empty(0, np.int64), np.empty(0)
+    for part in parts:
+        heights = part @ planes[:, :3].T + planes[:, 3]
+        face, height = np.append(face, heights.argmax(axis=1)), np.append(height, heights.max(axis=1))
+    return face, height
 
 
 def _extent(solid):
@@ -218,7 +238,18 @@ def measured_pieces(pieces: Sequence[Piece], kind: str, solid: SolidMesh) -> Mes
     return MeshPieces(tuple(pieces), kind, error, _extent(solid))
 
 
-def _convex(corners):
+def _component(corners, most, tolerance):
+    """Return the name and the pieces of a component that is a simple shape or fills its hull, else None."""
+    found = recognized(corners, PIECES if most is None else most)
+    if found is None or tolerance is None or surface_error(found[1], corners).largest <= tolerance:
+        return found or _convex(corners, tolerance)
+    finer = recognized(corners, PIECES_LIMIT if most is None else most, tolerance)
+    if finer is not None and surface_error(finer[1], corners).largest <= tolerance:
+        return finer
+    return _convex(corners, tolerance) or found  # few sides are nearer to their hull than to a cylinder
+
+
+def _convex(corners, tolerance):
     """Return the hull of a component if it fills it, else None."""
     from scipy.spatial import ConvexHull, QhullError
 
@@ -228,9 +259,14 @@ def _convex(corners):
         inside = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
         if inside < CONVEX * volume:
             return None
-        return "hull", (hull_piece(points, _HULL * float(np.ptp(points, axis=0).max())),)
+        return "hull", (hull_piece(points, _hull_depth(float(np.ptp(points, axis=0).max()), tolerance)),)
     except (QhullError, InvalidModelError):  # too flat
         return None
+
+
+def _hull_depth(extent, tolerance):
+    """Return how far a mesh of an extent may be outside its hull [m]."""
+    return HULL_DEPTH * extent if tolerance is None else min(HULL_DEPTH * extent, tolerance)
 
 
 def _decomposed(solid, most, tolerance, seconds, threads, stop) -> MeshPieces:
@@ -247,16 +283,18 @@ def _decomposed(solid, most, tolerance, seconds, threads, stop) -> MeshPieces:
         return time.monotonic() < end and not (stop is not None and stop.is_set())
 
     vertices, faces = _simplified(np.concatenate(solid.parts), _SIMPLIFIED * extent)
+    count = most or (PIECES if tolerance is None else PIECES_LIMIT)
+    depth = _hull_depth(extent, tolerance)
     best: MeshPieces | None = None
     limit = REFUSED * extent if tolerance is None else tolerance
     for k, threshold in enumerate(_THRESHOLDS):
         try:
-            parts = convex_parts(vertices, faces, threshold, most, goes_on, threads)
+            parts = convex_parts(vertices, faces, threshold, count, goes_on, threads)
         except TimeoutError:
             if best is None:
                 raise
             break
-        hulls = [hull for part in parts if (hull := _hull_or_none(part, _HULL * extent)) is not None]
+        hulls = [hull for part in parts if (hull := _hull_or_none(part, depth)) is not None]
         found = measured_pieces(hulls, "convex decomposition", solid)
         if best is None or _rank(found) < _rank(best):
             best = found

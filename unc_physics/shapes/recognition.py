@@ -38,7 +38,7 @@ _SIDE = 0.05  # cosine between a normal of a side and the axis
 Found = tuple[str, tuple[Piece, ...]]
 
 
-def recognized(corners: np.ndarray, most: int) -> Found | None:
+def recognized(corners: np.ndarray, most: int, tolerance: float | None = None) -> Found | None:
     """Return the name and the pieces of the simple shape that a closed mesh has, or None.
 
     Parameters
@@ -47,6 +47,8 @@ def recognized(corners: np.ndarray, most: int) -> Found | None:
         Corners of the triangles, counter-clockwise from outside [m].
     most : int
         Number of pieces to aim at where a surface of revolution is hollow: fewer stick out more.
+    tolerance : float, optional
+        Largest distance by which they may stick out [m]; by default as little as so many pieces allow.
     """
     mesh = _Mesh(corners)
     for test in (_ball, _box):
@@ -58,7 +60,7 @@ def recognized(corners: np.ndarray, most: int) -> Found | None:
                 return piece
         if (profile := _profile(mesh, axis)) is not None:
             turn = rotation_to(axis)
-            pieces = _few(profile, most, mesh.extent)
+            pieces = _few(profile, most, mesh.extent, tolerance)
             return "surface of revolution", tuple(piece.moved(mesh.center, turn) for piece in pieces)
     return None
 
@@ -313,8 +315,12 @@ def _turned_volume(profile):
     return abs(float(np.sum((r * r + r * s + s * s) * (w - z)))) * math.pi / 3.0
 
 
-def _few(profile, most, extent) -> Sequence[Piece]:
-    """Return pieces of a profile's turn that stick out as little as so many pieces allow."""
+def _few(profile, most, extent, tolerance) -> Sequence[Piece]:
+    """Return pieces of a profile's turn: within a tolerance if so many are enough, and else that many."""
+    if tolerance is not None:
+        pieces = _cut(profile, (1.0 - 2.0 * _SHARE) * tolerance)
+        if len(pieces) <= most:
+            return pieces
     low, high = 0, len(HOLLOWS) - 1
     pieces = _cut(profile, HOLLOWS[low] * extent)
     if len(pieces) <= most:

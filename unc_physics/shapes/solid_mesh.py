@@ -17,6 +17,7 @@ import numpy as np
 
 from ..checks.errors import InvalidMeshError, InvalidModelError, UncPhysicsError
 from ..checks.memory import require_memory
+from ..checks.shown import counted
 from ..compiler import kernel
 from ..spatial.rotation import cross
 from ..spatial.vectors import dot, minus, triple
@@ -477,17 +478,17 @@ def repaired(vertices, faces):
     mesh.remove_unreferenced_vertices()
     if len(mesh.vertices) < before[0]:
         did.append(f"merged {before[0]} vertices into {len(mesh.vertices)}")
-    if len(mesh.faces) < before[1]:
-        did.append(f"dropped {before[1] - len(mesh.faces)} degenerate or double triangles")
+    if (dropped := before[1] - len(mesh.faces)) > 0:
+        did.append(f"dropped {counted(dropped, 'degenerate or double triangle')}")
     filled = len(mesh.faces)
     trimesh.repair.fill_holes(mesh, use_fan=True)
-    if len(mesh.faces) > filled:
-        did.append(f"closed holes with {len(mesh.faces) - filled} triangles")
+    if (added := len(mesh.faces) - filled) > 0:
+        did.append(f"closed holes with {counted(added, 'triangle')}")
     old = mesh.faces.copy()
     trimesh.repair.fix_normals(mesh, multibody=mesh.is_watertight)
     turned = int(np.sum(np.any(lowest_first(old) != lowest_first(mesh.faces), axis=1)))
     if turned:
-        did.append(f"turned {turned} triangles round")
+        did.append(f"turned {counted(turned, 'triangle')} round")
     mesh = _with_united_parts(mesh, did)
     if did:
         share = f" ({mesh.volume / volume - 1.0:+.1%})" if volume > FLAT else ""

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import kernel
+from ..compiler import inner, kernel
 from ..compiler.arrays import empty
+from .columns import CORNERS_FROM, FIRST_FACE, HULL, KIND, LAST_FACE, ROUNDING
 from .distance import POLYTOPE, identity_frame, least_gap
 from .piece_mesh import piece_mesh
 from .pieces import Hull, Piece, piece_arrays
@@ -110,9 +111,30 @@ def _distances(points, frames, pieces, rows):
         frames[1, 0], frames[1, 1], frames[1, 2] = points[k, 0], points[k, 1], points[k, 2]
         best = math.inf
         for p in range(last):
-            best = min(best, least_gap(p, last, best, base, frames, pieces, rows, work, polytope)[0])
+            height = _height_above_faces(pieces[p], rows, points[k])
+            if height <= 0.0:  # inside the core: no search is needed
+                best = min(best, height - pieces[p, ROUNDING] - pieces[last, ROUNDING])
+            elif height == math.inf or height - pieces[p, ROUNDING] < best:
+                best = min(best, least_gap(p, last, best, base, frames, pieces, rows, work, polytope)[0])
         found[k] = best
     return found
+
+
+@inner
+def _height_above_faces(piece, rows, point):
+    """Return how far a point is above the faces of a hull's core, at most: it is farther from the core.
+
+    Below zero the point is inside, and that deep. Infinite for pieces without flat faces.
+    """
+    first, last = int(piece[FIRST_FACE]), int(piece[LAST_FACE])
+    if piece[KIND] != HULL or first == last:
+        return math.inf
+    highest = -math.inf
+    for k in range(first, last):
+        c = int(rows[k, CORNERS_FROM])
+        height = rows[k, 0] * (point[0] - rows[c, 0]) + rows[k, 1] * (point[1] - rows[c, 1])
+        highest = max(highest, height + rows[k, 2] * (point[2] - rows[c, 2]))
+    return highest
 
 
 @kernel
