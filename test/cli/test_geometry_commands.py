@@ -59,6 +59,11 @@ def test_pack_without_a_file_name_makes_a_model_known_by_name(torus, tmp_path, m
         ("/dev/zero", "INVALID_MESH", "/dev/zero must end in one of .*stl"),
         ("folder.off", "INVALID_MESH", "folder.off is no file"),
         ("pipe.off", "INVALID_MESH", "pipe.off is no file"),
+        (
+            "torus.off --tolerance 1e-9",
+            "INVALID_MESH",
+            "mesh torus.off is .* mm off its .* pieces?, and 1e-06 mm",
+        ),
         ("torus.off -n 0", "INVALID_OPTION", r"-n must be at least 1 \(got 0\)"),
         ("torus.off --scale -1", "INVALID_OPTION", "--scale must be a positive number"),
         ("torus.off --scale nan", "INVALID_OPTION", "--scale must be a positive number"),
@@ -98,7 +103,7 @@ def test_repair_says_what_it_did(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     export_open_box(tmp_path)
     assert main(["pack", "open.off", "-n", "9", "-o", "box.npz", "--repair"]) == 0
-    assert "repair: closed holes with 1 triangles" in capsys.readouterr().out
+    assert "repair: closed holes with 1 triangle" in capsys.readouterr().out
 
 
 def test_spheres_that_leave_the_body_are_the_meshs_fault(tmp_path, monkeypatch):

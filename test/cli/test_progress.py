@@ -1,6 +1,8 @@
 """What is said of work that takes long where no bar shows it."""
 
+import io
 import re
+import sys
 import time
 
 import numba
@@ -10,6 +12,23 @@ from unc_physics.cli import output
 
 WORK = r"(unc_physics: note: cloud: still at work on a horizon of 9 s after \d+ s; --time-limit or .*\n)+"
 COMPILING = r"(unc_physics: note: cloud: still compiling kernels after \d+ s; Ctrl-C ends it\n)+"
+
+
+class Terminal(io.StringIO):
+    """Standard error of a terminal."""
+
+    def isatty(self):
+        return True
+
+
+def test_a_bar_shows_before_the_first_part_is_done(monkeypatch):
+    monkeypatch.setattr(output, "PROGRESS_AFTER", 0.02)
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with output.progress_display("import", "part", "kitchen.sdf") as show:
+        show(0, 7)
+        while "0/7" not in sys.stderr.getvalue():
+            time.sleep(0.01)
+    assert sys.stderr.getvalue().startswith("\rimport:   0%")
 
 
 def test_notes_say_what_goes_on_and_end_with_it(capsys, monkeypatch):

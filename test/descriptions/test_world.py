@@ -64,6 +64,22 @@ def test_a_robot_is_fixed_as_far_as_no_joint_moves_it(folder):
     )
 
 
+def test_a_link_without_a_mass_at_a_floating_joint_is_fixed(tmp_path):
+    """With a mass it is free."""
+    geometry = "<collision><geometry><box size='1 1 1'/></geometry></collision>"
+    text = "<robot name='r'><link name='root'/><link name='crate'>{}</link><joint name='j' type='floating'>"
+    text += "<parent link='root'/><child link='crate'/></joint></robot>"
+    path = tmp_path / "crate.urdf"
+    path.write_text(text.format(geometry))
+    done = []
+    world = load_world(path, spheres=8, progress=lambda *counts: done.append(counts))
+    assert [element.name for element in world.environment] == ["crate"] and not world.bodies
+    assert world.left_out == () and done == [(0, 2), (1, 2)]
+    path.write_text(text.format(geometry + "<inertial><mass value='2'/></inertial>"))
+    (body,) = load_world(path, spheres=8).bodies
+    assert body.mass == 2.0 and not body.fixed
+
+
 def test_at_a_configuration_all_of_it_is_fixed(folder):
     world = load_world(folder / "arm.urdf", spheres=5, configuration={"turn": np.pi / 2, "tip": 0.1})
     knob = next(element for element in world.environment if element.shape == "sphere")

@@ -59,8 +59,8 @@ def test_a_ball_is_one_sphere_about_its_position(origin):
 )
 def test_other_shapes_are_packed_once(kind, sizes, volume, inertia, few_spheres):
     model = scene_from_dict(scene(shape={kind: sizes})).scene.bodies[0].model
-    assert model.volume == pytest.approx(volume, rel=5e-3)
-    assert model.inertia[0, 0] == pytest.approx(inertia, rel=5e-3)
+    assert model.volume == pytest.approx(volume, rel=1e-12)
+    assert model.inertia[0, 0] == pytest.approx(inertia, rel=1e-12)
     assert len(few_spheres) == 1
     primitive_models._packed.cache_clear()  # as in another process
     again = primitive_model(kind, **sizes)

@@ -39,8 +39,9 @@ NOTED, REFUSED = 0.02, 0.10
 _THRESHOLDS, _TRIED = (0.1, 0.05, 0.02, 0.01), 2
 #: Share of the extent by which a mesh is simplified before it is cut.
 _SIMPLIFIED = 0.003
-#: Share of the extent by which a mesh is outside its hull, at most: the hull's number of corners follows.
-HULL_DEPTH = 0.002
+#: Share of the extent by which a mesh is outside its hull, at most: the hull's number of corners follows. Up
+#: to some corners, as of polyhedra, all are kept.
+HULL_DEPTH, _KEPT = 0.002, 96
 #: Errors that differ by less, as a share of the extent, are equal: then fewer pieces are better.
 _EQUAL = 0.001
 _AT_ONCE = 4_000_000  # heights of points above faces: 32 MB
@@ -192,7 +193,7 @@ def best_pieces(
 
 
 def hull_piece(points: np.ndarray, depth: float) -> Hull:
-    """Return the convex hull of points (n, 3), without corners that are not needed.
+    """Return the convex hull of points (n, 3), without corners that are not needed if there are many.
 
     Corners are added where points are farthest from the hull's faces, until none is farther outside than a
     depth [m].
@@ -200,10 +201,12 @@ def hull_piece(points: np.ndarray, depth: float) -> Hull:
     from scipy.spatial import ConvexHull
 
     corners = points[ConvexHull(points).vertices]
+    if len(corners) <= _KEPT:
+        return Hull(corners)
     chosen = np.unique((corners @ _STARTS.T).argmax(axis=0))
-    inner = ConvexHull(corners[chosen], incremental=True)
     left = np.setdiff1d(np.arange(len(corners)), chosen)
     while True:
+        inner = ConvexHull(corners[chosen])  # anew, as Qhull fails where it adds coplanar points
         face, outside = _farthest_face(corners[left], inner.equations)
         far = outside > depth
         left, face, outside = left[far], face[far], outside[far]
@@ -214,7 +217,6 @@ def hull_piece(points: np.ndarray, depth: float) -> Hull:
             if not blocked[face[k]]:  # one for each face, and none beside another of this round
                 new.append(k)
                 blocked[[face[k], *inner.neighbors[face[k]]]] = True
-        inner.add_points(corners[left[new]])
         chosen, left = np.append(chosen, left[new]), np.delete(left, new)
 
 
