@@ -101,8 +101,8 @@ def test_what_is_no_solid_is_refused_with_its_reason(reason):
 @pytest.mark.parametrize(
     ("mesh", "deed"),
     [
-        (open_box, "closed holes with 1 triangles"),
-        (one_face_turned, "turned 1 triangles"),
+        (open_box, "closed holes with 1 triangle"),
+        (one_face_turned, "turned 1 triangle"),
         (inside_out, "turned 320 triangles"),
     ],
 )
