@@ -101,7 +101,6 @@ from .columns import (
     SINCE,
     SLOP,
     SPIN,
-    STILL,
     STRUCK,
     SURFACE_A,
     SURFACE_B,
@@ -323,7 +322,7 @@ def _pair(a, b, far, dt, n, Y, solids, C, old, search, count):
     first, had = int(pairs[a, b, ROW0]), int(pairs[a, b, ROWS])
     if n + MOST > len(C):
         return FULL
-    if had > 0 and old[first, SINCE] < STILL and Y[a, SHOVE] + Y[b, SHOVE] == 0.0:
+    if had > 0 and old[first, SINCE] < SLOP and Y[a, SHOVE] + Y[b, SHOVE] == 0.0:
         for j in range(first, first + had):
             for x in range(REMEMBERED):
                 C[n, x] = old[j, x]
@@ -612,7 +611,7 @@ def _bend(C, k, Y, u, h):
     swings = Y[b, RADIUS] * dot(wb, wb)
     if Y[a, IMASS] > 0.0:
         swings = max(swings, Y[a, RADIUS] * dot(wa, wa))
-    if h * h * swings < STILL:
+    if h * h * swings < DRIFT:
         return 0.0
     v = minus(three(Y, b, VEL), three(Y, a, VEL))
     _, _, then = levers(C, k, Y, h, ANYWHERE)

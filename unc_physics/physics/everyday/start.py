@@ -44,7 +44,6 @@ from .columns import (
     SLOP,
     SPIN,
     STATE,
-    STILL,
     SURFACE_OF,
     SURGE,
     SWEEPS,
@@ -322,7 +321,7 @@ def _lower_one(x, down, metric, world, work, rows):
         _remember(found, C, Y, work.search)
         if pressed:
             drop *= _HELD if way < _HELD * drop else _CALMER
-        if drop < STILL and deepest <= FREE:
+        if drop < SLOP and deepest <= FREE:
             for i in range(world.count):
                 _save_pose(i, x, Y)
             return 1
@@ -472,7 +471,7 @@ def _move(bodies, Y, rows):
             v, w, way = times(STRIDE / way, v), times(STRIDE / way, w), STRIDE
         write(Y, i, CENTRE, plus(three(Y, i, CENTRE), v))
         rotate(Y, i, quaternion(Y, i), w)
-        Y[i, WAY] = way + STILL
+        Y[i, WAY] = way + SLOP
         Y[i, TRAVEL] += Y[i, WAY]
         most = max(most, way)
     return most
