@@ -44,10 +44,11 @@ from .physics_keys import PHYSICS_KEYS, check_integrator
 from .presets import EXACT_PRESETS, PRESETS, with_changes
 
 #: Standard deviations of the scene's own parameters.
-_STDS = ("stiffness_std", "friction_std", "restitution_std", "gravity_direction_std")
 #: Names of all uncertain parameters (`Scene.uncertain`).
 UNCERTAIN_PARAMETERS = (
-    *(field.removesuffix("_std") for field in _STDS),
+    "stiffness",
+    *Materials._fields,
+    "gravity_direction",
     "mass",
     "center_of_mass",
     "surface_tilt",
@@ -341,12 +342,10 @@ class Scene:
         """Uncertain directions of all parameters; the scene's parameters come first."""
         found = [
             UncertainParameter(field.removesuffix("_std"), -1, axis, getattr(self, field))
-            for field in _STDS
-            if getattr(self, field) and self._uses(field.removesuffix("_std"))
-            for axis in range(2 if field == "gravity_direction_std" else 1)
+            for field, axes in (("stiffness_std", 1), ("gravity_direction_std", 2))
+            if getattr(self, field)
+            for axis in range(axes)
         ]
-        # each surface has a draw of its own
-        found = [parameter for parameter in found if parameter.name not in Materials._fields]
         for k in self.moving.tolist():
             body = self.bodies[k]
             if body.mass_std:
@@ -364,7 +363,7 @@ class Scene:
                 for axis, std in enumerate(body.trajectory_std.tolist())
                 if std
             ]
-        for k, surface in enumerate(self.surfaces if self.has_partners else ()):
+        for k, surface in enumerate(self.surfaces if self.has_partners else ()):  # each has its own draw
             stds = {name: self._own_std(surface, name) for name in Materials._fields}
             found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
             tilt = getattr(surface, "surface_tilt_std", 0.0)
@@ -384,12 +383,6 @@ class Scene:
     def has_partners(self) -> bool:
         """Whether there are two things that can touch each other."""
         return len(self.surfaces) > 1
-
-    def _uses(self, name):
-        """Return whether a parameter of the scene has an effect."""
-        if name not in Materials._fields:
-            return True
-        return self.has_partners and any(getattr(surface, name) is None for surface in self.surfaces)
 
     @property
     def draws_impacts(self) -> bool:
