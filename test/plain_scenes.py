@@ -141,5 +141,5 @@ def momenta(scene, x):
 
 
 def lowest(model):
-    """Height of a model's lowest point in its body frame [m], relative to its centre of mass."""
-    return float((model.centers[:, 2] - model.radii).min())
+    """Height of the lowest point of a model's shape in its body frame [m], relative to its centre of mass."""
+    return -float(pieces.farthest(model.pieces, np.array([[0.0, 0.0, -1.0]]))[0])

@@ -94,9 +94,10 @@ def test_what_the_schema_refuses_at_a_key_is_refused_by_its_place(name):
         numbers.flat[-2] = NAN
         wrong.append((numbers.tolist(), "NOT_FINITE"))
     assert wrong
-    physics = {"integrator": "implicit", "gravity": [0, 0, -9.81], "common_pose_std": [0.01] * 6}
+    bodies = CONTENTS["two_bodies"]()["bodies"]
+    everyday = {"physics": "everyday", "bodies": bodies, "common_pose_std": [0.01] * 6}
     for value, code in wrong:
-        inner = content = copy.deepcopy(CONTENTS["two_bodies"]() | physics | beside)
+        inner = content = copy.deepcopy(everyday | beside)
         for key in place[:-1]:
             inner = inner[key]
         inner[place[-1]] = value

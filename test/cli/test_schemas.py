@@ -100,8 +100,8 @@ def test_schema_and_reader_refuse_alike(content):
 @pytest.mark.parametrize(
     "content",
     [
-        two_bodies()
-        | {"dt": 1e-2, "gravity": None, "physics": "everyday", "exact": True, "stiffness": "auto"},
+        two_bodies() | {"dt": 1e-2, "gravity": None, "stiffness": "auto"},
+        two_bodies() | {"physics": None, "exact": True, "stiffness": None, "damping": None},
         two_bodies()
         | {"gravity": None, "environment": [{"plane": {"normal": [0, 0, 1e0]}, "friction": None}]},
         in_body(spheres=None, scale=None, orientation=None, at_rest=None),
@@ -135,21 +135,17 @@ def test_predictions_fit_the_schema(name, tmp_path, capsys):
 
 
 def test_the_schema_knows_all_that_physics_may_say(tmp_path, capsys):
-    content = two_bodies() | {
-        "physics": "everyday",
-        "exact": True,
-        "stiffness_std": 10.0,
+    path, found = tmp_path / "scene.yaml", set()
+    paper = two_bodies() | {"stiffness_std": 10.0, "horizon": 0.1}
+    names = [body["name"] for body in paper["bodies"]]
+    surface = {"friction": 0.3, "restitution": 0.2, "rolling_friction": 1e-4}
+    everyday = {
+        "horizon": 0.1,
         "gravity_direction_std": 0.01,
+        "pairs": [{"between": names, "friction": 0.3}],
+        "bodies": [paper["bodies"][0] | surface, paper["bodies"][1]],
     }
-    content |= {"friction_std": 0.1, "restitution_std": 0.01, "impact_friction_speed": 2.0, "horizon": 0.1}
-    content |= {"impact_direction_std": 0.01, "impact_point_std": 1e-3, "impact_friction_std": 0.1}
-    content["bodies"][0] |= {"friction": 0.3, "restitution": 0.2}
-    names, found = [body["name"] for body in content["bodies"]], set()
-    exact = {key: value for key, value in content.items() if not key.startswith("stiffness")}
-    exact |= {"integrator": "contact", "pairs": [{"between": names[:2], "friction": 0.3}]}
-    exact["bodies"] = [body | {"rolling_friction": 1e-4} for body in content["bodies"]]
-    path = tmp_path / "scene.yaml"
-    for scene in (content, exact):
+    for scene in (paper, everyday):
         path.write_text(yaml.safe_dump(scene))
         assert not problems("scene", scene)
         assert main(["predict", str(path), "--json", "--propagator", "monte_carlo", "--samples", "3"]) == 0

@@ -10,7 +10,6 @@ from twins import states as twin
 
 from unc_physics import PROPAGATORS, Belief, RigidBody, Scene, make_propagator
 from unc_physics.propagators.base import PointPairs, Rollouts, Samples, rollout_count
-from unc_physics.scene.stiffness import with_stiffness
 
 ROUND_OFF = 1e-9  # relative to the largest variance
 
@@ -126,15 +125,19 @@ def test_advancing_in_pieces_equals_one_call_to_the_last_bit(loaded, propagator)
 
 @pytest.mark.parametrize("sleep", [False, True])
 @pytest.mark.parametrize(
-    "name, options", [("sigma_points", {}), ("linearization", {}), ("monte_carlo", {"samples": 10})]
+    "name, options",
+    [
+        ("sigma_points", {}),
+        ("linearization", {}),
+        ("surrogate", {}),
+        ("local_sampling", {}),
+        ("monte_carlo", {"samples": 10}),
+    ],
 )
 def test_pieces_on_the_implicit_step_equal_one_call_to_the_last_bit(loaded, name, options, sleep):
     """With all that is remembered of contacts and rest."""
     scene, belief, _ = loaded("everyday")
-    scene, propagator = (
-        dataclasses.replace(with_stiffness(scene, belief.mean), sleep=sleep),
-        make_propagator(name, **options),
-    )
+    scene, propagator = dataclasses.replace(scene, sleep=sleep), make_propagator(name, **options)
     begin = propagator.init(scene, belief)
     whole = propagator.advance(begin, scene, 240)
     carry = begin
@@ -142,9 +145,6 @@ def test_pieces_on_the_implicit_step_equal_one_call_to_the_last_bit(loaded, name
         carry = propagator.advance(carry, scene, steps)
     assert_identical(carry, whole)
     assert whole.contact_history.solver.count.any()
-
-
-# -- persistent state ------------------------------------------------------------------------------
 
 
 def advanced(propagator, scene, belief, steps):
@@ -207,6 +207,3 @@ def test_only_fixed_bodies(loaded, propagator):
     after = advanced(propagator, fixed, Belief.exact(mean, []), 10)
     np.testing.assert_array_equal(after.mean, mean)
     assert after.joint.shape == (0, 0)
-
-
-# -- against finite differences of the whole rollout -----------------------------------------------

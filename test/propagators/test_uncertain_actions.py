@@ -78,7 +78,7 @@ def test_an_explicit_scene_has_prescribed_bodies_and_wrenches():
         assert prediction.probability(Touches("ball", "wall")).estimate == 1.0
 
 
-@pytest.mark.parametrize("integrator", ["explicit", "implicit", "contact"])
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
 def test_beliefs_of_a_body_with_drag_are_those_of_samples(integrator):
     """Uncertain speeds approach each other: ``v / (1 + k v t)`` of all, of which no flight is a parabola."""
     scene = Scene([RigidBody("ball", BALL, 0.05, drag=0.05)], gravity=(0, 0, 0), integrator=integrator)
