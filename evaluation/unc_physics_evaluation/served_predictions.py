@@ -1,16 +1,14 @@
 """Predictions of one tree of the package, on request, for `experiments.same_bits`.
 
-A process runs this file by its path, in the older of two trees, for a kind of scenes: `explicit` or
-`everyday`. The package may be the one of either tree: the file uses only what both offer.
+A process runs this file by its path, in the older of two trees. The package may be the one of either tree:
+the file uses only what both offer.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +16,7 @@ import numpy as np
 OPTIONS = {"monte_carlo": {"samples": 12}, "surrogate": {"k_sigma": 3.0}}
 
 
-def explicit_scenes():
+def scenes():
     """Return scenes of the explicit step by name: (scene, belief, horizon [s])."""
     from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, load_scene
 
@@ -92,29 +90,7 @@ def explicit_scenes():
     return found
 
 
-def everyday_scenes():
-    """Return the everyday scenes of example files and of the demo by name: (scene, belief, horizon [s])."""
-    import yaml
-
-    from unc_physics import load_scene
-    from unc_physics.ros.demo_scene import HORIZON, table_scene
-
-    found = {"demo": (*table_scene(), HORIZON)}
-    for path in sorted(Path("examples").glob("*/*.yaml")):
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        content = content.get("scene", content)  # of a file of actions
-        if content.get("physics") != "everyday":
-            continue
-        content.pop("islands", None)  # the reference has this key
-        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
-            yaml.safe_dump(content, file)
-            file.flush()
-            scene, belief, horizon = load_scene(file.name)
-        found[f"{path.parent.name}/{path.stem}"] = scene, belief, horizon or 1.0
-    return found
-
-
-def explicit_cases(found):
+def cases(found):
     """Return the compatible pairs of a scene's and a propagator's name."""
     from unc_physics import PROPAGATORS
 
@@ -126,20 +102,7 @@ def explicit_cases(found):
     ]
 
 
-def everyday_cases(found):
-    """Return the pairs of a scene's and a propagator's name."""
-    return [(scene_name, "monte_carlo") for scene_name in found]
-
-
-def everyday_results(scene, belief, horizon, name):
-    """Return the final states of eight rollouts; what methods make of rollouts is compared elsewhere."""
-    from unc_physics import make_propagator, predict
-
-    prediction = predict(scene, belief, make_propagator(name, samples=8, seed=0), horizon)
-    return {"final states": prediction.carry.states}
-
-
-def explicit_results(scene, belief, horizon, name):
+def results(scene, belief, horizon, name):
     """Return every array of a prediction, and its probabilities, by name; `stability` judges statuses."""
     import unc_physics
     from unc_physics import make_propagator, predict
@@ -161,19 +124,11 @@ def explicit_results(scene, belief, horizon, name):
     return arrays
 
 
-#: For each kind: scenes, pairs of scenes and propagators, and arrays of a prediction.
-KINDS = {
-    "explicit": (explicit_scenes, explicit_cases, explicit_results),
-    "everyday": (everyday_scenes, everyday_cases, everyday_results),
-}
-
-
-def serve(kind):
+def serve():
     """Answer requests on standard input: one JSON object a line, with a case and a file for its arrays."""
     import numba
 
     numba.set_num_threads(1)
-    scenes, cases, results = KINDS[kind]
     found = scenes()
     print(json.dumps(cases(found)), flush=True)
     for line in sys.stdin:
@@ -184,4 +139,4 @@ def serve(kind):
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1])
+    serve()

@@ -1,8 +1,4 @@
-"""Comparison of the present tree with release 0.2, to the last bit.
-
-Of the explicit step, all methods are compared. Of the everyday step, the final states of rollouts are, in all
-everyday examples and in the demo. ``--quick`` compares only these.
-"""
+"""Comparison of all methods by the explicit step with release 0.2, to the last bit."""
 
 from __future__ import annotations
 
@@ -31,21 +27,16 @@ from ..tables import table
 TITLE = "Same bits"
 ROOT = Path(unc_physics.__file__).resolve().parents[1]
 BEFORE = "e60fe270"
-#: Kinds of scenes (`served_predictions`), and the time of the comparison on one thread [s].
-KINDS = {"everyday": 30.0, "explicit": 60.0}
+_COST = 60.0  # s, on one thread
 SAME = "same_bits_as_before"
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Return a job for each kind of scenes, alone on the machine, whose key depends on the sources."""
+    """Return a job, alone on the machine, whose key depends on the sources."""
     if missing(settings):
         return []
     trees = {"before": BEFORE, "after": fingerprint(ROOT)}
-    return [
-        Job("same_bits", settings.parameters(kind=kind, **trees), cost, alone=True)
-        for kind, cost in KINDS.items()
-        if kind == "everyday" or not settings.quick
-    ]
+    return [Job("same_bits", settings.parameters(**trees), _COST, alone=True)]
 
 
 def missing(settings: Settings) -> list[str]:
@@ -63,10 +54,10 @@ def run(job: Job) -> Outcome:
 
     Each tree runs in its own process; both read the examples of the reference revision.
     """
-    rows, kind = [], job.parameters["kind"]
+    rows = []
     with tempfile.TemporaryDirectory() as folder:
         old = _tree(job.parameters["before"])
-        with _served(old, old, kind) as before, _served(ROOT, old, kind) as after:
+        with _served(old, old) as before, _served(ROOT, old) as after:
             for scene, name in before.cases:
                 if (scene, name) not in after.cases:
                     continue
@@ -152,11 +143,11 @@ class _Tree:
 
 
 @contextmanager
-def _served(package, examples, kind) -> Iterator[_Tree]:
+def _served(package, examples) -> Iterator[_Tree]:
     # the trees share compiled kernels, whose files are named by what they depend on
     cache = ROOT / "unc_physics" / "__pycache__"
     process = subprocess.Popen(
-        [sys.executable, served_predictions.__file__, kind],
+        [sys.executable, served_predictions.__file__],
         cwd=examples,
         env=os.environ | {"PYTHONPATH": str(package), "NUMBA_CACHE_DIR": str(cache)},
         text=True,
