@@ -2,7 +2,6 @@
 
 import math
 
-import numba
 import numpy as np
 import pytest
 from everyday_worlds import (
@@ -21,7 +20,7 @@ from hypothesis import settings
 from plain_scenes import at_steps, energy, momenta, state, tumbling_orientation
 from scipy.spatial.transform import Rotation
 
-from unc_physics import Belief, Box, Plane, RigidBody, Scene, load_model, make_propagator, predict
+from unc_physics import Box, Plane, RigidBody, load_model
 from unc_physics.shapes import pieces as shapes
 
 BOX, CAN, BALL = (
@@ -29,6 +28,7 @@ BOX, CAN, BALL = (
     solid_cylinder("can", 0.038, 0.11, 0.455),
     solid_ball("ball", 0.03, 0.2),
 )
+BOWL = RigidBody("bowl", load_model("bowl"))
 PILE = BOX, CAN, BALL
 FALLING = np.array(
     [
@@ -79,10 +79,10 @@ def test_balls_that_meet_off_centre_keep_angular_momentum(dt, e, mu):
 
 
 @pytest.mark.parametrize("e", [0.0, 0.7])
-@pytest.mark.parametrize("pair", ["box box", "box can", "can can", "box ball", "can ball"])
+@pytest.mark.parametrize("pair", ["box box", "box can", "can can", "box ball", "can ball", "can bowl"])
 def test_bodies_of_any_shape_that_meet_keep_angular_momentum(pair, e):
     """Impulses act where the surfaces are opposite each other; what is left is in taking out depth."""
-    rng, bodies = np.random.default_rng(3), {"box": BOX, "can": CAN, "ball": BALL}
+    rng, bodies = np.random.default_rng(3), {"box": BOX, "can": CAN, "ball": BALL, "bowl": BOWL}
     first, second = (bodies[name] for name in pair.split())
     second = RigidBody("second", second.model, second.mass)
     scene = world(first, second, gravity=None, environment=(), restitution=e)
@@ -138,7 +138,7 @@ BIN = (
     *(Box((0.5, 0.02, 0.3), (0, s * 0.25, 0.15)) for s in (-1, 1)),
     Plane(offset=-0.5),
 )
-SCENES = 1000 if settings.get_current_profile_name() == "thousands" else 40
+SCENES = 1000 if settings.get_current_profile_name() == "thousands" else 16
 
 
 def random_scene(seed):
@@ -164,8 +164,12 @@ def random_scene(seed):
 
 def test_random_scenes_never_gain_energy():
     """Of what they have above their lowest place, which the floor or the plane below the bin bounds."""
-    gains = np.array([largest_gain(*random_scene(seed), 1.5) for seed in range(SCENES)])
-    assert gains.max() < 1e-2 and (gains > 1e-3).mean() <= 0.05, np.flatnonzero(gains > 1e-3)
+    gains, elastic = np.zeros(SCENES), np.zeros(SCENES, bool)
+    for seed in range(SCENES):
+        scene, start = random_scene(seed)
+        gains[seed], elastic[seed] = largest_gain(scene, start, 1.5), scene.restitution == 1.0
+    assert gains[~elastic].max() < 1e-3, np.flatnonzero(gains > 1e-3)
+    assert gains.max() < 0.05, "of impacts without loss that follow each other within a step"
 
 
 @at_steps
@@ -315,30 +319,7 @@ def test_spin_about_the_vertical_does_not_move_a_slick_can(spin):
     np.testing.assert_allclose(x[10:], [0, 0, spin], atol=1e-3)
 
 
-# -- the same bits -----------------------------------------------------------------------------------
-
-
-def uncertain():
-    """Return a scene in which everything is drawn, and a belief about it."""
-    walls = [FLOOR, Box((0.02, 0.4, 0.2), (0.2, 0, 0.1), name="wall")]
-    scene = Scene.everyday(PILE, environment=walls)
-    std = np.repeat([0.01, 0.1, 0.2, 1.0], 3)
-    return scene, Belief(FALLING.copy(), np.tile(np.diag(std**2), (len(PILE), 1, 1)))
-
-
-def test_threads_and_the_number_of_rollouts_change_no_bit():
-    scene, belief = uncertain()
-    ends, before = [], numba.get_num_threads()
-    try:
-        for threads, samples in ((1, 12), (before, 12), (before, 7)):
-            numba.set_num_threads(threads)
-            found = predict(scene, belief, make_propagator("monte_carlo", samples=samples, seed=3), 0.8)
-            ends.append(found.at().samples[:7])
-    finally:
-        numba.set_num_threads(before)
-    np.testing.assert_array_equal(ends[0], ends[1])
-    np.testing.assert_array_equal(ends[0], ends[2])
-    assert np.ptp(ends[0], axis=0).max() > 0.01
+# -- the same world ----------------------------------------------------------------------------------
 
 
 def test_a_body_far_away_changes_nothing():

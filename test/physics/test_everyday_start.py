@@ -1,14 +1,17 @@
 """Starts of rollouts with exact shapes: overlap, bodies at rest, and what the answer says of them."""
 
 import math
+from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
+from everyday_worlds import belief_of
+from plain_scenes import FLOOR, energy
 from scipy.spatial.transform import Rotation
 
 from unc_physics import (
     Belief,
-    BodyBelief,
     Box,
     Plane,
     PosePath,
@@ -20,11 +23,17 @@ from unc_physics import (
     predict,
     primitive_model,
 )
-from unc_physics.checks.errors import LimitExceededError
+from unc_physics.checks.errors import (
+    InvalidOptionError,
+    InvalidRequestError,
+    LimitExceededError,
+    NotSupportedError,
+    UncPhysicsError,
+)
 from unc_physics.propagators.start import constrain_belief
 from unc_physics.scene.contact_world import depths_of_pairs
+from unc_physics.shapes import signed_distance
 
-FLOOR = Plane(name="floor")
 FREE = 5e-5  # m, depth that counts as none
 TABLE = Box((0.8, 0.8, 0.02), (-0.4, 0.0, -0.01), name="table")  # its edge is at x = 0
 CUBE = primitive_model("box", size=(0.1, 0.1, 0.1))
@@ -32,10 +41,6 @@ CUBE = primitive_model("box", size=(0.1, 0.1, 0.1))
 
 def scene_of(bodies, environment=(FLOOR,), **physics):
     return Scene.everyday(bodies, **{"exact": True, "environment": environment} | physics)
-
-
-def belief_of(scene, **states):
-    return Belief.of(scene, {name: BodyBelief(**state) for name, state in states.items()})
 
 
 def begun(scene, belief, samples=100, seed=0):
@@ -104,6 +109,52 @@ def test_the_one_known_less_well_gives_way(stds):
     np.testing.assert_allclose(
         start.moved[:, 0], share * deep / stds[0], atol=FREE / stds[0]
     )  # in standard deviations
+
+
+def test_a_body_goes_the_nearest_way_in_the_metric_of_its_belief():
+    # out of a plane, without rotation: Sigma n / (n' Sigma n) times the depth
+    root = np.array([[3.0, 0.0, 0.0], [1.0, 2.0, 0.0], [2.0, -1.0, 1.5]]) * 1e-3
+    P, mean = np.zeros((1, 12, 12)), np.zeros((1, 13))
+    P[0, :3, :3], mean[0, [2, 9]] = root @ root.T, (0.05, 1.0)
+    drawn, states, _ = begun(scene_of([RigidBody("cube", CUBE, 1.0)]), Belief(mean, P), 60)
+    depth = np.maximum(0.05 - drawn[:, 0, 2], 0.0)
+    assert (depth > FREE).sum() > 20
+    way = np.outer(depth, P[0, :3, 2] / P[0, 2, 2])
+    np.testing.assert_allclose(states[:, 0, :3] - drawn[:, 0, :3], way, atol=2 * FREE)
+    np.testing.assert_array_equal(states[:, 0, 6:10], drawn[:, 0, 6:10])
+
+
+def test_what_is_fixed_or_certain_does_not_move():
+    bodies = [RigidBody("free", CUBE, 1.0), RigidBody("fixed", CUBE, 1.0, fixed=True)]
+    scene = scene_of(bodies, [], gravity=None)
+    belief = belief_of(scene, free={"position": (0.1005, 0, 0), "position_std": 0.005}, fixed={})
+    drawn, states, _ = begun(scene, belief)
+    assert (drawn[:, 0, 0] < 0.099).any() and depths_of_pairs(scene, states).max() < FREE
+    np.testing.assert_array_equal(states[:, 1], drawn[:, 1])
+    # its height is certain, and 3 mm too low
+    scene = scene_of([RigidBody("cube", CUBE, 1.0)])
+    belief = belief_of(scene, cube={"position": (0, 0, 0.047), "position_std": (0.005, 0.005, 0.0)})
+    _, states, start = begun(scene, belief)
+    np.testing.assert_array_equal(states[:, 0, 2], 0.047)
+    np.testing.assert_allclose(start.kept, 0.003, rtol=1e-3)
+    p = predict(scene, belief, make_propagator("monte_carlo", samples=10), 0.2)
+    assert "INITIAL_OVERLAP" in str(status_of(p, "cube").flags)
+
+
+def test_taking_out_overlap_gives_no_energy():
+    box = load_model("salt_box")
+    scene = scene_of([RigidBody("box", box), RigidBody("can", load_model("can"))])
+    given = {"position_std": 0.005, "orientation_std": 0.05}
+    belief = belief_of(
+        scene, box=given | {"position": upright(box)}, can=given | {"position": (0, 0.065, 0.055)}
+    )
+    _, states, start = begun(scene, belief, 20)
+    assert (start.overlap > 1e-3).sum() > 10
+    p = predict(scene, belief, make_propagator("monte_carlo", samples=20), times=[0.05, 0.1, 0.3, 1.0])
+    path = np.array([states, *(p.samples(time=t) for t in p.times)])
+    energies = np.array([[energy(scene, x) for x in at] for at in path])
+    assert (energies - energies[0]).max() < 1e-4
+    assert (path[..., 2] - path[0, ..., 2]).max() < 1e-3
 
 
 def test_bodies_that_share_an_error_move_together():
@@ -203,7 +254,12 @@ def test_few_samples_are_the_first_of_many():
         can={"position": (0.085, 0.0, 0.056), "position_std": 0.005, "orientation_std": 0.05},
     )
     _, many, _ = begun(scene, belief, 40)
-    _, few, _ = begun(scene, belief, 7)
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        _, few, _ = begun(scene, belief, 7)
+    finally:
+        numba.set_num_threads(threads)
     np.testing.assert_array_equal(many[:7], few)
 
 
@@ -219,8 +275,40 @@ def test_rejection_keeps_samples_without_overlap_and_keep_all():
     np.testing.assert_array_equal(states, drawn)
     np.testing.assert_allclose(start.overlap[:, 0], depths_of_pairs(scene, drawn).max(axis=(1, 2)), atol=FREE)
     deep = belief_of(scene, box=given | {"position": (0.0, 0.0, 0.02)})
+    scene = scene_of([RigidBody("box", box)], overlap="reject")
     with pytest.raises(LimitExceededError, match="'project'"):
-        begun(scene_of([RigidBody("box", box)], overlap="reject"), deep)
+        begun(scene, deep)
+    with pytest.raises(NotSupportedError, match="overlap"):
+        predict(scene, belief, "sigma_points", 0.1)
+    with pytest.raises(InvalidOptionError, match="overlap"):
+        scene_of([RigidBody("box", box)], overlap="ignore")
+
+
+def test_the_explicit_step_begins_as_drawn():
+    box = load_model("salt_box")
+    scene = Scene([RigidBody("box", box)], environment=[FLOOR], gravity=(0.0, 0.0, -9.81))
+    belief = belief_of(scene, box={"position": upright(box), "position_std": 0.005})
+    propagator = make_propagator("monte_carlo", samples=20)
+    drawn = belief.sample(20, np.random.default_rng(0))
+    np.testing.assert_array_equal(propagator.init(scene, belief).states, drawn)
+    for overlap in ("project", "reject"):
+        with pytest.raises(InvalidOptionError, match="overlap"):
+            replace(scene, overlap=overlap)
+
+
+def test_a_body_at_rest_needs_gravity_the_everyday_step_and_no_velocity():
+    box = load_model("salt_box")
+    resting = RigidBody("box", box, at_rest=True)
+    for make in (
+        lambda: Scene([resting], environment=[FLOOR], gravity=(0.0, 0.0, -9.81)),
+        lambda: scene_of([resting], gravity=None),
+        lambda: RigidBody("box", box, at_rest=True, fixed=True),
+    ):
+        with pytest.raises(UncPhysicsError, match="at_rest"):
+            make()
+    scene = scene_of([resting])
+    with pytest.raises(InvalidRequestError, match="velocity"):
+        belief_of(scene, box={"position": upright(box), "linear_velocity": (0.1, 0.0, 0.0)})
 
 
 @pytest.mark.parametrize("beyond", [-0.0095, -0.001, 0.001])
@@ -266,7 +354,9 @@ def test_bodies_at_rest_keep_their_horizontal_spread():
     np.testing.assert_allclose(states[:, 0, 2], upright(box)[2], atol=FREE)
     axes = Rotation.from_quat(states[:, 0, 6:10]).as_matrix()
     assert np.degrees(np.arccos(axes[:, 2, 2].clip(-1.0, 1.0))).max() < 0.05
-    assert not start.unsettled.any()
+    assert not start.unsettled.any() and not states[:, 0, 3:6].any() and not states[:, 0, 10:].any()
+    later = predict(scene, belief, make_propagator("monte_carlo", samples=20), 0.5).samples()
+    assert np.linalg.norm(later[..., :3] - states[:20, ..., :3], axis=-1).max() < 1e-4
     assert np.std(Rotation.from_quat(states[:, 0, 6:10]).as_rotvec()[:, 2]) > 0.04
 
 
@@ -325,3 +415,33 @@ def test_a_can_between_fingers_that_are_too_close_is_flagged_by_name(close):
     assert status.measures["squeezed"] == pytest.approx(close, rel=0.3)
     speeds = [np.linalg.norm(p.samples(time=t)[0, 2, 3:6]) for t in times]
     assert max(speeds) < 0.2
+
+
+def test_depths_are_those_of_signed_distances():
+    mug, can = load_model("mug"), load_model("can")
+    scene = scene_of([RigidBody("mug", mug), RigidBody("can", can)])
+    rng = np.random.default_rng(0)
+    states = np.zeros((30, 2, 13))
+    states[..., :3] = rng.uniform(-0.08, 0.08, (30, 2, 3)) + (0.0, 0.0, 0.06)
+    states[..., 6:10] = rng.standard_normal((30, 2, 4))
+    states[..., 6:10] /= np.linalg.norm(states[..., 6:10], axis=-1, keepdims=True)
+    states[..., 3:6] = 5.0  # which are not travelled
+    depths = depths_of_pairs(scene, states)
+    assert np.array_equal(depths[:, 0, 1], depths[:, 1, 0])
+    gaps = np.array(
+        [signed_distance(mug, (a[:3], a[6:10]), can, (b[:3], b[6:10])).distance for a, b in states]
+    )
+    assert np.array_equal(depths[:, 0, 1] > 0.0, gaps < 0.0) and 5 < (gaps < 0.0).sum() < 25
+    shallow = (-3e-3 < gaps) & (gaps < 0.0)
+    np.testing.assert_allclose(depths[shallow, 0, 1], -gaps[shallow], rtol=0.1, atol=1e-5)
+    for k, model in enumerate((mug, can)):
+        low = [
+            signed_distance(
+                model,
+                (x[:3], x[6:10]),
+                primitive_model("box", size=(4.0, 4.0, 0.2)),
+                ((0, 0, -0.1), (0, 0, 0, 1)),
+            ).distance
+            for x in states[:, k]
+        ]
+        np.testing.assert_allclose(depths[:, k, 2], np.maximum(-np.array(low), 0.0), atol=1e-4)

@@ -65,6 +65,15 @@ def models_of_the_library_rest(dt):
 
 
 @law
+def a_dropped_mug_lands_flat(dt):
+    """From .1 m on its base, without rebound: it stands there upright at once."""
+    mug = load_model("mug")
+    x = run(world(RigidBody("b", mug), dt=dt), state((0, 0, 0.1 - mug.origin[2])), 0.2)[0]
+    yield "height [mm]", -MM * mug.origin[2], MM * x[2], 0.2
+    yield "tilt [mrad]", 0, MRAD * tilt(x), 2
+
+
+@law
 def stacks_stand(dt):
     """Statics, with equal masses and with ratios of 100 and more."""
     for what, masses in (
