@@ -7,7 +7,6 @@ from geometry_msgs.msg import Vector3
 from scenes import diagonal, moving_object, packed, position_of
 from scipy.spatial.transform import Rotation
 
-from unc_physics import load_model
 from unc_physics.checks import errors
 from unc_physics.ros.messages import prediction
 from unc_physics.ros.messages.fields import duration, optional, read_duration, seconds
@@ -16,7 +15,6 @@ from unc_physics.ros.messages.request import RequestedOutputs
 from unc_physics.ros.messages.scene import CovarianceDefaults, read_scene
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.scene.belief import Belief
-from unc_physics.shapes.packing_file import SINK
 from unc_physics.spatial.layout import ERROR, VELOCITY
 from unc_physics.spatial.origin import error_map, moved
 from unc_physics_msgs.msg import Attachment, JointCovariance, Material, ObjectState, Physics, Scene
@@ -67,18 +65,6 @@ def write_linear(scene, models, times, beliefs, **outputs):
 def random_covariance(seed, size):
     factor = np.random.default_rng(seed).normal(size=(size, size))
     return SMALL**2 * factor @ factor.T / size
-
-
-@pytest.mark.parametrize("others", [0, 1])
-def test_no_number_of_spheres_is_auto(others):
-    """As few as stand for the body: a can on nothing but planes takes fewer than one that meets another."""
-    bodies = [moving_object(f"can{k}", "can", (float(k), 0.0, 0.0), spheres=0) for k in range(1 + others)]
-    can = load_model("can")
-    few = can.sufficient_count(sink=SINK if others else None)
-    assert few < len(can)
-    for physics, count in (({"integrator": "implicit"}, few), ({}, len(can))):
-        scene = read(*bodies, physics=PHYSICS | physics).scene
-        assert [len(body.model) for body in scene.bodies] == [count] * (1 + others)
 
 
 def test_a_fixed_object_ignores_twist_and_covariances():

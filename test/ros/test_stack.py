@@ -26,9 +26,9 @@ from running import (
 )
 from scenes import assert_answered, good_request, moving_object, position_of, request_of, with_physics
 from std_srvs.srv import Empty
-from unc_physics.dynamics import rollout
 
 from unc_physics.checks.errors import ErrorCode
+from unc_physics.physics.everyday import rollouts
 from unc_physics.ros import server
 from unc_physics_msgs.srv import Predict
 
@@ -69,14 +69,14 @@ def two_threads(context):
 
 
 def test_in_the_executor_of_others(robot, client, monkeypatch):
-    name, record, go = "robot_1/unc_physics", rollout.record, threading.Event()
+    name, advance, go = "robot_1/unc_physics", rollouts.advance, threading.Event()
 
-    def held(states, history, world, *where):
+    def held(states, first_time, memory, world, *others):
         if world.dt == slow.physics.dt:
             go.wait()
-        record(states, history, world, *where)
+        return advance(states, first_time, memory, world, *others)
 
-    monkeypatch.setattr(rollout, "record", held)
+    monkeypatch.setattr(rollouts, "advance", held)
     slow = with_physics(good_request(propagator="monte_carlo"), dt=0.005)
     waiting = client.start(Predict, f"/{name}/predict", Predict.Request(request=slow))
     try:
@@ -96,12 +96,12 @@ class Processors:
     """
 
     def __init__(self, together, each):
-        self._record, self._each, self._lock = rollout.record, each, threading.Lock()
+        self._advance, self._each, self._lock = rollouts.advance, each, threading.Lock()
         self._barrier = threading.Barrier(together, timeout=ANSWER_TIMEOUT)
         self._begun, self._running = [], 0
         self.most = 0
 
-    def __call__(self, states, history, world, *where):
+    def __call__(self, states, first_time, memory, world, *others):
         with self._lock:
             self._running += 1
             self.most = max(self.most, self._running)
@@ -109,9 +109,10 @@ class Processors:
             self._begun.append(world.dt)
         if first:
             self._barrier.wait()
-        self._record(states, history, world, *where)
+        found = self._advance(states, first_time, memory, world, *others)
         with self._lock:
             self._running -= 1
+        return found
 
 
 @pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread")
@@ -121,7 +122,7 @@ def test_a_request_has_two_threads_alone_and_two_requests_have_one_each(robot, c
         for dt in (0.004, 0.005)
     ]
     for asked in (requests[:1], requests):
-        monkeypatch.setattr(rollout, "record", processors := Processors(2, each=len(asked) == 2))
+        monkeypatch.setattr(rollouts, "advance", processors := Processors(2, each=len(asked) == 2))
         waiting = [
             client.start(Predict, "/robot_1/unc_physics/predict", Predict.Request(request=request))
             for request in asked

@@ -176,7 +176,7 @@ def calibrate(
     _require_scipy()
     if scene.integrator == "explicit":
         raise NotSupportedError(
-            "must be 'implicit' or 'contact'; 'explicit' has no friction",
+            "must be 'implicit'; 'explicit' has no friction",
             field="integrator",
             value="explicit",
         )
