@@ -6,7 +6,7 @@ from unc_physics_evaluation import work_precision
 from unc_physics_evaluation.experiments import engines as experiment
 from unc_physics_evaluation.jobs import Settings
 from unc_physics_evaluation.results import Results
-from unc_physics_evaluation.rollouts import OURS, available_steps
+from unc_physics_evaluation.rollouts import OURS, available
 
 
 def test_rows_and_report(tmp_path, monkeypatch):
@@ -14,13 +14,13 @@ def test_rows_and_report(tmp_path, monkeypatch):
     box = experiment.SCENES["salt_box_into_bin"][0]
     monkeypatch.setattr(experiment, "SCENES", {"salt_box_into_bin": (box, 2, 0.002)})
     results, jobs = Results(tmp_path), experiment.jobs(Settings(quick=True))
-    assert len(jobs) == 1 + 3 * len(available_steps())
+    assert len(jobs) == 1 + 3 * len(available())
     for job in jobs:
         outcome = experiment.run(job)
         assert all(row.value > 0.0 for row in outcome.rows)
         results.add(job, outcome, {"versions": "", "machine": ""})
         if job.parameters["section"] == experiment.SPEED:
-            assert len(outcome.rows) == 2 * 2 * 3 * len(available_steps())
+            assert len(outcome.rows) == 2 * 2 * 3 * len(available())
             continue
         assert ("second" in outcome.arrays) == (job.parameters["rate"] == job.parameters["converged"])
         if job.parameters["engine"] == OURS:

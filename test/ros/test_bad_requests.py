@@ -235,7 +235,6 @@ BAD = [
     physics("INVALID_OPTION", stiffness=-2.0),
     physics("INVALID_OPTION", "physics.stiffness must be absent with 'integrator: implicit'", stiffness=1e5),
     physics("INVALID_OPTION", stiffness_std=1e3),
-    with_explicit_step(physics("INVALID_OPTION", stiffness_std=1e3)),  # beside a stiffness that is chosen
     physics("NOT_FINITE", gravity=(0.0, 0.0, INF)),
     physics("INVALID_OPTION", damping=-1.0),
     physics("INVALID_OPTION", overlap="push"),
