@@ -176,9 +176,7 @@ def calibrate(
     _require_scipy()
     if scene.integrator == "explicit":
         raise NotSupportedError(
-            "must be 'implicit'; 'explicit' has no friction",
-            field="integrator",
-            value="explicit",
+            "must be 'implicit'; 'explicit' has no friction", field="integrator", value="explicit"
         )
     adjusted = chosen(scene, fitted_by_default(scene) if fit is None else fit)
     evaluations = integer(evaluations, "evaluations", low=4 * len(adjusted))
