@@ -180,12 +180,21 @@ def salt_box_into_bin() -> tuple[Scene, Belief, float]:
 
 def can_off_shelf() -> tuple[Scene, Belief, float]:
     """Return a full can that slides towards the edge of a shelf at 0.4 m."""
+    return _off_shelf("can", 0.055, (0.0, 0.0, 0.0, 1.0), 0.7)
+
+
+def carton_off_shelf() -> tuple[Scene, Belief, float]:
+    """Return a carton that slides, on its broad side, past the edge of a shelf at 0.4 m."""
+    return _off_shelf("salt_box", 0.023, (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), 1.0)
+
+
+def _off_shelf(model, height, orientation, speed):
     top = 0.4  # m
     environment = (Plane((0.0, 0.0, 1.0), 0.0), Box((0.6, 0.6, 0.03), (-0.3, 0.0, top - 0.015)))
-    mean = resting([[-0.06, 0.0, top + 0.055]])
-    mean[0, VELOCITY] = 0.7, 0.0, 0.0
+    mean = resting([[-0.06, 0.0, top + height]])
+    mean[0, VELOCITY], mean[0, QUATERNION] = (speed, 0.0, 0.0), orientation
     deviations = {"position": (0.02, 0.02, 0.0), "velocity": (0.2, 0.05, 0.0)}
-    return _handled(["can"], 2000, environment, mean, deviations)
+    return _handled([model], 2000, environment, mean, deviations)
 
 
 def five_into_bin() -> tuple[Scene, Belief, float]:

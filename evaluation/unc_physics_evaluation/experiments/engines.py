@@ -13,7 +13,14 @@ from ..jobs import Job, Outcome, Row, Settings
 from ..methods import OURS
 from ..results import Results
 from ..rollouts import ENGINES, available, missing_engines, rollouts
-from ..scenarios import boxes_and_cans, can_off_shelf, five_into_bin, salt_box_into_bin, tableware_into_box
+from ..scenarios import (
+    boxes_and_cans,
+    can_off_shelf,
+    carton_off_shelf,
+    five_into_bin,
+    salt_box_into_bin,
+    tableware_into_box,
+)
 from ..tables import number
 
 TITLE = "Engines"
@@ -23,6 +30,7 @@ ALL = "all"  # engines, in one job
 SCENES = {
     "salt_box_into_bin": (salt_box_into_bin, 20, 0.002),
     "can_off_shelf": (can_off_shelf, 20, 0.002),
+    "carton_off_shelf": (carton_off_shelf, 20, 0.002),
     "five_into_bin": (five_into_bin, 8, 0.015),
     "ten_into_bin": (partial(boxes_and_cans, 10), 4, 0.03),
     "tableware_into_box": (tableware_into_box, 4, 0.07),

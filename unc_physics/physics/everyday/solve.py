@@ -35,7 +35,6 @@ from .columns import (
     MU,
     NORMAL,
     PUSH,
-    PUSH_ENDS,
     PUSH_MOST,
     PUSH_V,
     PUSH_W,
@@ -261,7 +260,7 @@ def push_out(first, last, members, C, Y, h):
             C[k, BEFORE] = new
             most = max(most, abs(d) / C[k, MASS_N])
             push(Y, C, k, times(d, n), PUSH_V, PUSH_W)
-        if most < PUSH_ENDS:
+        if most < PUSH * fastest:
             break
     _pay(members, Y, h, fastest if len(members) == 1 else 0.0)
 
