@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..checks.errors import InvalidModelError
+from ..shapes.distance import even_directions
 from ..shapes.packing_file import check_inertia
-from ..shapes.quality import even_directions
 
 _NAMES = "ixx", "iyy", "izz"
 _SLACK = 0.02  # share of the largest moment: files have few digits

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .distance import even_directions
 from .pieces import HalfSpace, Hull, Piece
-from .quality import even_directions
 
 #: Corners around a whole turn of a lathe: 0.01 % of the radius is cut off.
 AROUND = 192
