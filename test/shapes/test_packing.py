@@ -10,9 +10,11 @@ from scipy.optimize import brentq
 from test_distance import brute_distances
 
 from unc_physics.checks.errors import InvalidOptionError, InvalidRequestError
+from unc_physics.shapes.distance import even_directions
 from unc_physics.shapes.packing import pack_solid
 from unc_physics.shapes.quality import extent_losses
 from unc_physics.shapes.solid_mesh import make_solid, winding_number
+from unc_physics.shapes.supports import few_corners
 
 TOUCH = 1e-12  # of the bounding radius: what overlap and protrusion may come to
 
@@ -74,6 +76,17 @@ def test_the_first_spheres_of_a_cube_are_the_known_ones():
 def test_fill_is_what_greedy_packing_reaches(name, least):
     """Starting from many times as many points gains no more than one percentage point."""
     assert pack_solid(make_solid(name, *MESHES[name]()), 400, largest_first=True).fill > least
+
+
+def test_corners_of_fine_hulls_are_chosen_evenly():
+    """Of a ball of 10 242 corners every third one stays; other bodies keep all points, inner ones too."""
+    fine = np.asarray(trimesh.creation.icosphere(subdivisions=5).vertices)
+    few = few_corners(fine)
+    assert 3000 < len(few) <= 4000
+    reach = (few @ even_directions(200).T).max(axis=0)
+    assert reach.min() > 0.996  # without a hole
+    cube = np.concatenate([fine, trimesh.creation.box((4.0, 4.0, 4.0)).vertices])
+    assert few_corners(cube) is cube
 
 
 def test_same_bits_for_any_number_of_threads():

@@ -35,7 +35,6 @@ _FACES = 24  # of a component, at which it is checked what is around it
 _UNITES = "(a repair unites the parts with trimesh.boolean.union)"
 _CROSSED = 0.02  # of the surface, that may cross the rest: ears and seams spoil no volume
 _TWICE = 0.01  # of the volume, that may count twice: handles may reach a little into walls
-HULL_CORNERS = 10_000
 _LITTLE = 1e-3  # of the volume, where boxes around two components may overlap
 
 
@@ -422,18 +421,6 @@ def unique_rows(rows):
     number = np.empty(len(rows), np.int64)
     number[order] = np.cumsum(new) - 1
     return ordered[new], number
-
-
-def hull_corners(points):
-    """Return corners (n, 3) of the convex hull of points; of more than `HULL_CORNERS`, evenly chosen ones.
-
-    Round bodies have so many. Their hull shrinks by less than 1e-4 of their size.
-    Raises `scipy.spatial.QhullError` if the points are in a plane.
-    """
-    from scipy.spatial import ConvexHull
-
-    corners = points[ConvexHull(points).vertices]
-    return corners[:: -(-len(corners) // HULL_CORNERS)]
 
 
 @kernel

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .distance import even_directions
-from .solid_mesh import HULL_CORNERS, hull_corners, unique_rows, winding_number
+from .solid_mesh import unique_rows, winding_number
 from .triangle_tree import nearest_on_mesh
 
 # Shares of the hull's size:
@@ -46,6 +46,7 @@ _GAP_PENALTY, _PLACE_PENALTY = 5.0, 50.0
 _TOUCHING = 1e-5  # share of the size: smaller gaps are closed at the end
 _GAIN = 1e-6  # share of the size: a smaller gain does not repay another linear programme
 _NEIGHBOURS = 30  # nearest faces of the hull and nearest places that first constrain a sphere
+_CORNERS = 4000  # of the hull, at most: each takes time in the search for places
 _DIRECTIONS = even_directions(32)
 
 
@@ -304,14 +305,25 @@ def capsule_supports(radius, length) -> SupportSpheres:
     )
 
 
+def few_corners(points):
+    """Return points (n, 3), or if their convex hull has more than `_CORNERS` corners, evenly chosen ones.
+
+    Round bodies have so many. Their hull shrinks by 3e-4 of their size.
+    """
+    from scipy.spatial import ConvexHull
+
+    if len(points) <= _CORNERS:
+        return points
+    corners = points[ConvexHull(points).vertices]
+    return points if len(corners) <= _CORNERS else corners[:: -(-len(corners) // _CORNERS)]
+
+
 def support_spheres(corners, tree, most) -> SupportSpheres:
     """Return at most ``most`` spheres that give a packing its extent, flat faces and rims.
 
     ``corners`` (m, 3, 3) are those of the mesh's triangles about the centre of mass, which ``tree`` has, too.
     """
-    points, _ = unique_rows(corners.reshape(-1, 3))
-    if len(points) > HULL_CORNERS:
-        points = hull_corners(points)
+    points = few_corners(unique_rows(corners.reshape(-1, 3))[0])
     faces, size = hull_faces(points)
     if not faces or most < 4:
         return SupportSpheres(np.empty((0, 4)), np.empty((0, 3)), np.empty(0))
