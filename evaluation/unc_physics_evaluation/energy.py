@@ -27,7 +27,12 @@ def height_energy(scene: Scene, states: np.ndarray) -> np.ndarray:
 
 
 def contact_energy(scene: Scene, state: np.ndarray) -> float:
-    """Return the energy in contacts at a state (B, 13) [J]: the penalty force integrated over each depth."""
+    """Return the energy in contacts at a state (B, 13) [J]: the penalty force integrated over each depth.
+
+    Hard contacts have none.
+    """
+    if scene.stiffness is None:
+        return 0.0
     spheres = [
         (
             state[k, POSITION] + body.model.centers @ rotation_matrices(state[k, QUATERNION]).T,

@@ -23,7 +23,7 @@ from .tables import table
 MEAN, TRUE = "mean", "truth"
 POSITION_STD, ROTATION_STD, EXTENT, MEASURE = "position_std", "rotation_std", "extent", "measure_"
 GAIN_LIMIT, GAIN_GOAL, LOSS_LIMIT = 0.01, 0.001, 0.02
-GAIN_OF_ROLLOUTS = RULES["energy_gain"].limit
+GAIN_OF_ROLLOUTS = RULES["energy_error"].limit
 FOUND_GOAL, FALSE_GOAL = 0.95, 0.03
 AT_REST = (
     "body_in_bin",
@@ -170,12 +170,12 @@ class Found:
         ]
 
     def _confirmed(self, case, method, body):
-        """Return the measures of another method's samples that also exceed their limits, surely or not.
+        """Return the measures of another method's samples that also exceed their limits.
 
         Any measure of `SHAPE` confirms all of them.
         """
         others = {MONTE_CARLO, ANYTIME} - {method}
-        found = set().union(*(self._reasons(case, other, body, surely=False) for other in others))
+        found = set().union(*(self._reasons(case, other, body) for other in others))
         return found | SHAPE if found & SHAPE else found
 
     def _impossible(self, case):
@@ -187,11 +187,11 @@ class Found:
         bodies = self.of(case, TRUE, EXTENT)
         return any(RULES[name].flag in flag for k in bodies for name in self._reasons(case, method, k))
 
-    def _reasons(self, case, method, body, surely=True):
+    def _reasons(self, case, method, body):
         """Return the measures that raise flags by the present limits, except resolved overlap."""
         found = {name: self.of(case, method, MEASURE + name).get(body) for name in RULES}
         values = {name: value for name, value in found.items() if value is not None}
-        return {name for name in raised(values, surely=surely) if RULES[name].flag not in IGNORED}
+        return {name for name in raised(values) if RULES[name].flag not in IGNORED}
 
 
 def runs_on(integrator: str) -> list[str]:

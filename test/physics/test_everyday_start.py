@@ -30,6 +30,7 @@ from unc_physics.checks.errors import (
     NotSupportedError,
     UncPhysicsError,
 )
+from unc_physics.prediction.evidence import overlap_shares
 from unc_physics.propagators.start import constrain_belief
 from unc_physics.scene.contact_world import depths_of_pairs
 from unc_physics.shapes import signed_distance
@@ -370,8 +371,10 @@ def test_a_tilt_that_leaves_no_room_is_said():
     exact = predict(scene, belief_of(scene, box=given), propagator, 0.1)
     (note,) = status_of(exact, "box").notes
     assert "rotation" in note and "0.052 rad was given" in note
+    assert overlap_shares(exact) == pytest.approx([1.0])
     above = {"position": upright(box, 0.0)[:2] + (0.2,), "orientation_std": (tilt, tilt, 0.0)}
-    assert status_of(predict(scene, belief_of(scene, box=above), propagator, 0.1), "box").notes == ()
+    free = predict(scene, belief_of(scene, box=above), propagator, 0.1)
+    assert status_of(free, "box").notes == () and not overlap_shares(free).any()
 
 
 def test_a_slot_too_narrow_is_flagged_and_nothing_explodes():

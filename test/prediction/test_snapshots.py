@@ -93,7 +93,7 @@ def test_an_earlier_time_is_answered_as_by_a_prediction_that_ends_there(predicte
                 for one, other in zip(modes, end[body].modes, strict=True):
                     for part, expected in zip(one, other, strict=True):
                         np.testing.assert_array_equal(part, expected)
-        assert "energy_gain" in statuses[0].measures, "the case must have contacts"
+        assert "energy_error" in statuses[0].measures, "the case must have contacts"
 
 
 def shares(prediction):

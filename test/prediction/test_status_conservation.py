@@ -1,4 +1,4 @@
-"""Flags of what no law explains: bodies inside each other or the environment, and lost elastic energy."""
+"""Flags of energy that no law explains, gained or lost."""
 
 from dataclasses import replace
 
@@ -11,7 +11,6 @@ from unc_physics.prediction.status import assess, assess_all
 from unc_physics.scene.environment import Box, Plane
 
 BOX = load_model("salt_box").prefix(200)
-MUG = load_model("mug").prefix(200)
 TILTED = np.array((0.3, 0.2, 0.1, 0.9)) / np.linalg.norm((0.3, 0.2, 0.1, 0.9))
 FLOOR = (Plane(),)
 
@@ -48,51 +47,13 @@ def resting(model=BOX, below=FLOOR, **physics):
     return scene, state((0, 0, -lowest(model)))
 
 
-# -- penetration -----------------------------------------------------------------------------------
-
-
-def test_what_ends_inside_a_fixed_body_is_not_converged():
-    scene = Scene.everyday(
-        [RigidBody(name, BOX, 1.0) for name in "abc"] + [RigidBody("d", BOX, fixed=True)],
-        exact=True,
-        environment=[Plane()],
-    )
-    height = -lowest(BOX)
-    states = [state((x, 0, height)) for x in (0.0, 1.0, 2.0, 3.0)]
-
-    def push(into):
-        def change(states):
-            states[:, 0, 0] = into
-
-        return change
-
-    prediction = predicted(scene, states, 0.1)
-    for into, inside in ((1.02, ""), (2.98, "a")):  # bodies that move have room to part
-        found = assess(with_states(prediction, push(into)))
-        assert "".join(s.body for s in found if says(s, "penetration_share")) == inside
-
-
-@pytest.mark.parametrize("overlap", ["project", "keep"])
-def test_overlap_from_the_start_on_is_no_penetration(overlap):
-    """Of a box in a slot that is narrower than itself, by more than the limit."""
-    half = (BOX.centers[:, 0] + BOX.radii).max() - 0.006
-    walls = [Box((0.1, 1.0, 1.0), (side * (half + 0.05), 0, 0)) for side in (-1, 1)]
-    scene, x = resting(below=(Plane(), *walls), overlap=overlap)
-    (status,) = assess(predicted(scene, [x], 0.02))
-    assert status.flags & Status.INITIAL_OVERLAP
-    assert status.measures["penetration_share"] == 0.0
-
-
-def test_actions_may_leave_no_room():
+def test_actions_may_add_energy():
     scene, x = resting()
     path = PosePath(times=[0.0, 1.0], positions=[(0, 0, 1.0), (0, 0, 1.0)])
     hand = RigidBody("hand", BALL, trajectory=path)
     scene = replace(scene, bodies=[*scene.bodies, hand])
     (status, _) = assess(predicted(scene, [x, state((0, 0, 1.0))], 0.1))
-    assert not {"penetration_share", "energy_gain", "energy_loss"} & set(status.measures)
-
-
-# -- energy ----------------------------------------------------------------------------------------
+    assert "energy_error" not in status.measures
 
 
 def elastic(bodies, below=FLOOR, **physics):
@@ -101,18 +62,18 @@ def elastic(bodies, below=FLOOR, **physics):
     )
 
 
-@pytest.mark.parametrize("model", [BALL, BOX, MUG], ids=["ball", "box", "mug"])
+@pytest.mark.parametrize("model", [BALL, BOX], ids=["ball", "box"])
 @pytest.mark.parametrize("name", ["monte_carlo", "sigma_points", "cloud"])
 def test_what_bounces_elastically_loses_no_energy(model, name):
     """Whether it is at the top of its path or at the bottom."""
     scene = elastic([RigidBody("a", model, 0.3)])
     options = {"samples": 1} if name == "monte_carlo" else {}
     belief = independent(state((0, 0, 0.3), orientation=TILTED), position=0.0 if options else 0.002)
-    times = np.arange(72, 720, 24) / 240
-    prediction = predict(scene, belief, make_propagator(name, **options), 3.0, times=times)
+    times = np.arange(72, 480, 24) / 240
+    prediction = predict(scene, belief, make_propagator(name, **options), 2.0, times=times)
     for (status,) in assess_all(prediction):
-        assert status.measures["energy_loss"] < 0.01
-        assert name != "monte_carlo" or status.measures["energy_loss"] > -0.02
+        assert status.measures["energy_error"] < 0.02
+        assert name != "monte_carlo" or status.measures["energy_error"] > -0.02
 
 
 def slower(factor):
@@ -135,9 +96,9 @@ def test_elastic_bodies_that_are_slower_than_they_should_be_are_flagged(name):
             scene, certain(scene, state((-0.1, 0, 0), (1.0, 0.2, 0))), make_propagator(own, **options), 0.2
         )
         (status,) = assess(with_states(prediction, slower(factor)))
-        assert status.measures["energy_loss"] == pytest.approx(1.0 - factor**2, abs=2e-3)
-        assert says(status, "energy_loss") == flagged
-        assert not flagged or "energy was lost in contacts that conserve it; a smaller dt" in status.message
+        assert status.measures["energy_error"] == pytest.approx(1.0 - factor**2, abs=2e-3)
+        assert says(status, "energy_error") == flagged
+        assert not flagged or "lost in contacts that conserve it; a smaller dt" in status.message
 
 
 def test_energy_that_bodies_give_each_other_is_not_lost():
@@ -147,17 +108,18 @@ def test_energy_that_bodies_give_each_other_is_not_lost():
     prediction = predicted(scene, states, 0.3)
     assert np.abs(prediction.belief.mean[0, 3:6]).max() < 1e-6, "it stopped"
     found = assess(prediction)
-    assert [status.measures.get("energy_loss", 1.0) < 1e-6 for status in found] == [True, True, False]
+    assert [status.measures.get("energy_error", 1.0) < 1e-6 for status in found] == [True, True, False]
     found = assess(with_states(prediction, slower(0.9)))
-    assert [says(status, "energy_loss") for status in found] == [True, True, False]
+    assert [says(status, "energy_error") for status in found] == [True, True, False]
 
 
 def test_a_rotating_body_keeps_energy_without_the_gyroscopic_term_only_if_its_axes_are_alike():
     for model, judged in ((BALL, True), (BLOCK, False)):
         for gyroscopic in (True, False):
             scene = elastic([RigidBody("a", model, 1.0)], gyroscopic=gyroscopic)
-            (status,) = assess(predicted(scene, [state((0, 0, 0.2), spin=(1, 2, 3))], 0.3))
-            assert ("energy_loss" in status.measures) == (judged or gyroscopic)
+            prediction = predicted(scene, [state((0, 0, 0.2), spin=(1, 2, 3))], 0.3)
+            (status,) = assess(with_states(prediction, slower(0.3)))
+            assert says(status, "energy_error") == (judged or gyroscopic)
 
 
 @pytest.mark.parametrize(
@@ -172,8 +134,8 @@ def test_a_rotating_body_keeps_energy_without_the_gyroscopic_term_only_if_its_ax
 )
 def test_what_a_law_takes_is_not_lost(physics):
     scene = elastic([RigidBody("a", BALL, 1.0)], **physics)
-    (status,) = assess(predicted(scene, [state((0, 0, 0.1), (0.3, 0, 0))], 1.0))
-    assert "energy_loss" not in status.measures
+    (status,) = assess(with_states(predicted(scene, [state((0, 0, 0.1), (0.3, 0, 0))], 1.0), slower(0.9)))
+    assert status.measures["energy_error"] < 1e-6
 
 
 def test_what_a_partner_takes_is_not_lost():
@@ -185,5 +147,5 @@ def test_what_a_partner_takes_is_not_lost():
     )
     scene = elastic(ball, below)
     states = [state((0, 0, 0.1)), state((0.01, 0, 0.25)), state((5, 0, 0.1))]
-    found = assess(predicted(scene, states, 0.5))
-    assert ["energy_loss" in status.measures for status in found] == [False, False, True]
+    found = assess(with_states(predicted(scene, states, 0.5), slower(0.9)))
+    assert [says(status, "energy_error") for status in found] == [False, False, True]

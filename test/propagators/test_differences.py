@@ -103,7 +103,7 @@ def test_spreads_of_tight_beliefs_are_those_of_samples(bodies, x, time, more):
     floors = np.column_stack([np.full(len(bodies), 1e-6), np.full(len(bodies), 1e-5)])
     spreads = (np.maximum(pose_spreads(one.belief.blocks), floors) for one in (found, truth))
     np.testing.assert_allclose(*spreads, rtol=STATISTICS)
-    assert all(status.measures["slope_change"] < 0.2 for status in assess(found, rollouts=0))
+    assert all(status.flags == Status.FINE for status in assess(found))
 
 
 def test_uncertain_friction_is_a_direction():
@@ -147,13 +147,12 @@ def test_an_uncertain_path_is_within_the_limits():
 
 
 @pytest.mark.parametrize("aside, changes", [(0.1, True), (0.2, False)])
-def test_other_slopes_on_the_other_side_are_flagged(aside, changes):
+def test_an_outcome_that_changes_at_the_mean_is_flagged(aside, changes):
     """Of a ball that flies past another one, and hits it where it flies nearer."""
     bodies = [RigidBody("ball", BALL, 0.3), RigidBody("post", BALL, fixed=True)]
     scene = everyday(*bodies, gravity=None, environment=(), restitution=1.0)
     x = np.array([state((-0.3, aside, 0), (1, 0, 0)), state()])
     belief = Belief(x, np.diag([1e-6] * 3 + [0.0] * 9)[None], [0])
     status = assess(predict(scene, belief, "linearization", 0.8))[0]
-    assert (status.measures["slope_change"] > 0.2) == changes
     assert bool(status.flags & Status.OUTSIDE_VALIDITY) == changes
-    assert ("position has other slopes on either side" in status.message) == changes
+    assert ("that of rollouts" in status.message) == changes

@@ -67,7 +67,7 @@ def test_random_scenes_end_well_and_grossly_wrong_covariances_are_flagged(name):
         statuses = assess(prediction)
         for status in statuses:
             if (
-                status.measures.get("energy_gain", 0.0) > 0.02
+                status.measures.get("energy_error", 0.0) > 0.02
             ):  # as the explicit step may, where it is too long
                 assert status.flags & Status.NOT_CONVERGED
         wrong = _grossly_wrong(scene, belief, horizon, prediction.belief)

@@ -6,6 +6,7 @@
 - Probabilities: `events` and `event_entries` (of commands), `regions`, `probability`, `first_contacts`.
 - Status: `status` holds the functions for users. They call `diagnosis`, which decides on rollouts. For each
   snapshot it collects `evidence` (data), applies the rules of `diagnostics` (measure, limit, message), and
-  makes a `body_status` for each body (result). `conservation_checks` and `rare_outcomes` compute measures.
+  makes a `body_status` for each body (result). `conservation_checks`, `rare_outcomes` and `step_motion`
+  compute measures.
 - Ranking: `rank`, `sequential_halving`, `actions` (changes of a scene and a belief).
 """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from weakref import WeakKeyDictionary
 
@@ -12,16 +11,15 @@ from ..checks.errors import InvalidOptionError, LimitExceededError
 from ..checks.validation import integer
 from ..compiler.compile_time import clock
 from ..propagators.balanced_monte_carlo import BalancedMonteCarlo
-from ..propagators.base import SAMPLES_LIMIT, PointPairs, rollout_count
+from ..propagators.base import SAMPLES_LIMIT, rollout_count
 from ..propagators.modes import may_split
 from ..scene.marks import mark_at
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY, ERR_VELOCITY, VELOCITY
-from ..spatial.moments import pose_spreads
 from .body_status import BodyStatus
 from .compute_budget import ComputeBudget
-from .diagnostics import RULES, judged, measures_of
+from .diagnostics import judged, measures_of
 from .driver import run, wide_states
-from .evidence import MOST_FLIGHT_TURN, Evidence, initial_diagnostics
+from .evidence import Evidence, initial_diagnostics
 from .prediction_data import PredictionData
 from .probability import is_certain
 from .request_checks import check_memory, check_supported
@@ -34,8 +32,9 @@ ROLLOUTS = 12
 #: are added.
 _ADDED, _CONCLUSIVE = 24, 36
 _ENOUGH = 1000  # rollouts with which no search for rare outcomes is necessary
-_SYMMETRIC = 1.05  # asymmetry of sigma points up to which their spread is not compared
-_INCONCLUSIVE = 1.4, 2.7  # factors between which a dozen rollouts cannot decide whether spreads differ by two
+#: Factor of spreads and distance of means, over the standard deviation, up to which a dozen rollouts agree
+#: with the answer; beyond, they decide nothing: balanced ones leave out tails.
+_AGREE = 1.15, 0.25
 _FARTHEST = 3.0  # standard deviations of a velocity that a dozen rollouts do not exceed
 _SEED = 0  # of the rollouts; added rollouts have the next one. A fixed seed makes statuses reproducible
 
@@ -97,26 +96,20 @@ def _is_same_evidence(evidence, other):
     """Return whether two times have the same evidence, as when all bodies sleep (`Snapshot.at_time`)."""
     one, before = evidence.snapshot, other.snapshot
     same = one.carry is before.carry and one.belief is before.belief
-    return same and evidence.wide is other.wide and evidence.spreads is other.spreads
+    return same and evidence.wide is other.wide and evidence.compared is other.compared
 
 
 def _compare(prediction, found, places, rollouts, before=0):
-    """Add spreads and states of rollouts to the evidence at some places.
-
-    Evidence of ``before`` earlier rollouts is combined with that of the new ones.
-    """
+    """Add states of rollouts to the evidence at some places, after those of ``before`` earlier rollouts."""
     if places:
         marks = [mark_at(found[k].snapshot.time, prediction.scene.dt) for k in places]
         scene = prediction.asked or prediction.scene
         seed = _SEED + (before > 0)
         sampled = sampled_snapshots(scene, prediction.initial, marks, rollouts, seed)
         for k, one in zip(places, sampled, strict=True):
-            own, states = pose_spreads(one.belief.blocks), one.rollout_states
-            if before:
-                squares = before * found[k].spreads ** 2 + rollouts * own**2
-                own = np.sqrt(squares / (before + rollouts))
-                states = np.concatenate([some for some in (found[k].compared, states) if some is not None])
-            found[k] = replace(found[k], spreads=own, compared=states)
+            states = [found[k].compared, one.rollout_states] if before else [one.rollout_states]
+            known = np.concatenate([some for some in states if some is not None])
+            found[k] = replace(found[k], compared=known)
 
 
 def may_miss(prediction: PredictionData) -> bool:
@@ -169,62 +162,26 @@ def _span(evidence, initial):
 
 
 def needs_rollouts(evidence: Evidence) -> bool:
-    """Return whether a spread is to be compared with that of rollouts.
+    """Return whether an answer is to be compared with rollouts: where there is any doubt (`Evidence.doubts`).
 
-    A spread of a single rollout is compared if there is something to touch, a gyroscopic term, or far
-    rotation in a step. A spread of points is compared if one of them touched something, and the points are
-    asymmetric, or many, or touched different things, or may have turned too far. Without a contact, it is
-    compared if the points are asymmetric, by the gyroscopic term.
+    That of a single rollout also is where it may have missed a contact, or has a gyroscopic term.
     """
-    scene, propagator, directions = evidence.scene, evidence.propagator, evidence.start.directions
-    if propagator.traits.mean_update == "nominal":
-        if len(scene.bodies) + len(scene.environment) > 1 or scene.gyroscopic:
-            return True
-        # else flight is exact, or of first order in the rotation of a step
-        return propagator.traits.separate_collisions and bool((evidence.step_turn > MOST_FLIGHT_TURN).any())
-    touched = np.isfinite(evidence.history.first_time)
-    if touched.any() and evidence.left_out:
-        return True
-    if not isinstance(propagator, PointPairs):
-        return False
-    asymmetry = evidence.asymmetry
-    uneven = asymmetry is None or asymmetry.max() > _SYMMETRIC
-    if not touched.any():
-        return scene.gyroscopic and uneven
-    if directions is None or directions.sum() > RULES["directions"].limit:
-        return True
-    return uneven or not (touched == touched[0]).all() or _may_have_wrapped(evidence)
+    scene = evidence.scene
+    missed = scene.gyroscopic or len(scene.bodies) + len(scene.environment) > 1
+    return any(evidence.doubts) or (evidence.propagator.traits.mean_update == "nominal" and missed)
 
 
 def is_inconclusive(evidence: Evidence) -> bool:
-    """Return whether a few rollouts leave open if predicted spreads are wrong, or if outcomes split."""
-    factors, scene, compared = evidence.spread_factors, evidence.scene, evidence.compared
-    if factors is None:
+    """Return whether a few rollouts do not agree with the answer, or leave open if outcomes split."""
+    factors, distances, compared = evidence.spread_factors, evidence.mean_distances, evidence.compared
+    if factors is None or distances is None or compared is None:
         return False
-    low, high = _INCONCLUSIVE
-    factor = factors.max(axis=1)
-    if ((low < factor) & (factor < high)).any():
+    if (factors > _AGREE[0]).any() or (distances > _AGREE[1]).any():
         return True
-    return compared is not None and any(
-        may_split(compared[:, k], scene.bodies[k].model.bounding_radius)
+    return any(
+        may_split(compared[:, k], evidence.scene.bodies[k].model.bounding_radius)
         for k in np.flatnonzero(evidence.touches).tolist()
     )
-
-
-def _may_have_wrapped(evidence):
-    """Return whether sigma points may have turned by half a turn since they touched something.
-
-    Rotations wrap there, so the spread of the points is too small, and opposite points still look opposite.
-    The number of directions determines how many standard deviations the farthest point is from the mean. Its
-    spin is that of the final belief.
-    """
-    scene, snapshot, bodies = evidence.scene, evidence.snapshot, len(evidence.scene.bodies)
-    first = evidence.history.first_time.min(axis=0)
-    since = np.minimum(first.min(axis=1), first[:, :bodies].min(axis=0))[scene.moving]
-    far = math.sqrt(evidence.start.directions.sum() + len(scene.uncertain) + 0.5)
-    spin = snapshot.belief.blocks[:, ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY]
-    std = np.sqrt(np.maximum(np.einsum("mii->m", spin), 0.0))
-    return bool((far * std * np.maximum(snapshot.time - since, 0.0) > math.pi).any())
 
 
 def sampled_snapshots(scene, initial, marks, count, seed=_SEED):

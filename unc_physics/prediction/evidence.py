@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..physics.contact_history import ContactHistory
-from ..propagators.base import PointPairs, Propagator, Samples, TwoSidedSlopes, rollout_count
+from ..propagators.base import PointPairs, Propagator, Samples, rollout_count
 from ..propagators.free_flight import course_of
 from ..propagators.overlap_depths import overlaps, pair_overlaps
 from ..propagators.point_pairs import opposite_points
+from ..propagators.start import OVERLAP_TOLERANCE
+from ..scene.belief import Belief
 from ..scene.kinematic_states import held_at_start
 from ..scene.scene import Scene
 from ..spatial.layout import (
@@ -26,7 +28,7 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..spatial.moments import pose_spreads
+from ..spatial.moments import mean_and_errors, pose_spreads, second_moment
 from ..spatial.rotation import left_jacobian, rotation_matrix
 from .conservation_checks import conserves_energy
 from .prediction_data import PredictionData
@@ -34,12 +36,17 @@ from .probability import is_deterministic
 from .rare_outcomes import tail_factors
 from .snapshot import Snapshot
 
-#: Rotation in one step from which on covariances of first order in it are compared with rollouts [rad].
-MOST_FLIGHT_TURN = 2.0
+#: Rotation in one step from which on covariances of first order in it are compared with rollouts [rad]: the
+#: spread across the axis is then too large by 19 %, at 3.8 by a factor of 2.
+_MOST_FLIGHT_TURN = 2.0
+_MOST_DIRECTIONS = 30  # from which on points lie far out
+_SYMMETRIC = 1.05  # asymmetry of sigma points up to which they move oppositely
+_SAME_PLACE = 0.02  # distance of two centres of mass, over the smaller radius, that says no direction
 _DRAWN = 40  # states of a belief whose overlaps are computed
 _SEED = 0  # of their draws; fixed, so that statuses are reproducible
-#: Least spread that is compared, over the body's radius and in rad: the accuracy of contacts.
-_SPREAD_FLOOR = 1e-4
+#: Least spread that is compared, over the body's radius and in rad: the accuracy of contacts, which are
+#: explicit or leave a depth.
+_SPREAD_FLOORS = {"explicit": 1e-4, "implicit": 1e-3}
 _NOISE = 4.0  # standard deviations of a sample's mean energy that do not count as a gain
 _SAMPLES_OF_SPREAD = 30  # of which standard deviations are within 13 %
 _USUAL = 0.95  # quantile of the overlaps of a belief's states
@@ -57,7 +64,7 @@ class InitialDiagnostics(NamedTuple):
     shapes: np.ndarray
     overlap: np.ndarray  # (B,) [m]
     #: energy, least_energy: (B,): upper bound of the energy, and lower bound of the kinetic energy [J];
-    #: the latter allows for the sampling error of the mean
+    #: both allow for the sampling error of the mean
     energy: np.ndarray
     least_energy: np.ndarray
     #: number of samples that a belief is the mean of; infinite for chosen points, None for a single rollout
@@ -66,9 +73,7 @@ class InitialDiagnostics(NamedTuple):
     directions: np.ndarray | None
     found: Any  # adjustments of points or samples at time 0; None for the explicit integrator
     kept_overlaps: np.ndarray  # (B, B + E): deepest overlap of each pair that could not be removed [m]
-    #: (B,): 1 less the distance between the given centres of mass of two bodies that overlap, over the
-    #: smaller body's radius; 0 without such a pair
-    coincidence: np.ndarray
+    coincident: np.ndarray  # (B,) bool: bodies that overlap another one in the same place, as given
     deterministic: bool  # whether there is only one outcome, which a single sample is
     #: (B, 2, 2): standard deviations of position [m] and rotation [rad], as given and without overlap, along
     #: the principal axis along which most of it went; equal where nothing went
@@ -86,12 +91,10 @@ class Evidence:
     history: ContactHistory  # of the propagator's rollouts, up to the snapshot's time
     #: (N, B, 13): those of simulated rollouts; None where they are not equally probable
     states: np.ndarray | None
-    #: (B, 2): spread of points in opposite pairs over the spread of the odd part of their errors, of position
-    #: and rotation; None without such points
-    asymmetries: np.ndarray | None
-    #: (M, 2): standard deviations of position [m] and rotation [rad] of compared rollouts; None without them
-    spreads: np.ndarray | None = None
-    #: (R, B, 13): states of those rollouts
+    #: (B,): spread of points in opposite pairs over the spread of the odd part of their errors, of position
+    #: or rotation, whichever is larger; None without such points
+    asymmetry: np.ndarray | None
+    #: (R, B, 13): states of rollouts that the answer is compared with; None without them
     compared: np.ndarray | None = None
     #: (R, B, 13): states of rollouts of a belief that is twice as wide; None without them
     wide: np.ndarray | None = None
@@ -103,39 +106,16 @@ class Evidence:
         """Return the evidence of a snapshot of a prediction."""
         scene, propagator, carry = prediction.scene, prediction.propagator, snapshot.carry
         history = carry.contact_history
-        states, asymmetries = snapshot.rollout_states, None
+        states, asymmetry = snapshot.rollout_states, None
         if snapshot.points is not None:
             states = snapshot.points
-            asymmetries = _sigma_point_asymmetries(
-                scene, start, opposite_points(snapshot.points, scene.moving)
-            )
+            asymmetry = _sigma_point_asymmetry(scene, start, opposite_points(snapshot.points, scene.moving))
         elif propagator.traits.mean_update == "nominal" or len(history.first_time) == 1:
             states = snapshot.belief.mean[None]
         wide, missing = snapshot.wide, prediction.left_out
         return cls(
-            scene, propagator, start, snapshot, history, states, asymmetries, wide=wide, left_out=missing
+            scene, propagator, start, snapshot, history, states, asymmetry, wide=wide, left_out=missing
         )
-
-    @cached_property
-    def slope_changes(self) -> np.ndarray | None:
-        """(B, 2): difference of the slopes of position and rotation on both sides over their mean; None
-        without such slopes.
-        """
-        scene, slopes = self.scene, None
-        if isinstance(self.propagator, TwoSidedSlopes):
-            slopes = self.propagator.slopes(self.snapshot.carry, scene)
-        if slopes is None:
-            return None
-        *sides, reach = slopes
-        result = np.zeros((len(scene.bodies), 2))
-        for k, body in enumerate(scene.moving):
-            # the accuracy of an outcome, as a slope
-            floors = spread_floors(self.start, body) / reach.min(initial=1.0)
-            for c, (block, floor) in enumerate(zip((ERR_POSITION, ERR_ROTATION), floors, strict=True)):
-                forth, back = (side[:, k, block] for side in sides)
-                mean = np.hypot(np.linalg.norm(0.5 * (forth + back)), floor)
-                result[body, c] = np.linalg.norm(forth - back) / mean
-        return result
 
     @cached_property
     def predicted_spreads(self) -> np.ndarray:
@@ -143,19 +123,96 @@ class Evidence:
         return pose_spreads(self.snapshot.belief.blocks)
 
     @cached_property
-    def flown_rotations(self) -> np.ndarray:
-        """(M, 3, 3): covariances of rotations at the start; of bodies that touched nothing, after the flight
-        since then, as if rotations did not wrap around.
+    def compared_moments(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Mean (B, 13) of the compared rollouts, and standard deviations (M, 2) of position [m] and rotation
+        [rad] about it; None without rollouts.
         """
-        scene, blocks = self.scene, self.start.blocks
+        if self.compared is None:
+            return None
+        mean, errors = mean_and_errors(np.ascontiguousarray(self.compared), self.scene.moving.copy())
+        return mean, pose_spreads(Belief.trusted(mean, second_moment(errors), self.scene.moving).blocks)
+
+    @cached_property
+    def spread_factors(self) -> np.ndarray | None:
+        """(B, 2): factors between predicted and compared standard deviations of position and rotation; None
+        without rollouts.
+        """
+        if self.compared_moments is None:
+            return None
+        scene, spreads = self.scene, self.compared_moments[1]
+        floors = spread_floors(self.start, scene.moving)
+        predicted = np.maximum(self.predicted_spreads, floors)
+        found = np.where(np.isfinite(spreads), np.maximum(spreads, floors), math.inf)
+        result = np.ones((len(scene.bodies), 2))
+        result[scene.moving] = np.maximum(predicted / found, found / predicted)
+        return result
+
+    @cached_property
+    def mean_distances(self) -> np.ndarray | None:
+        """(B, 2): distances of the predicted mean position and rotation from those of the compared rollouts,
+        over their standard deviations; None without rollouts.
+        """
+        if self.compared_moments is None:
+            return None
+        scene, predicted, (mean, spreads) = self.scene, self.snapshot.belief.mean, self.compared_moments
+        result = np.zeros((len(scene.bodies), 2))
+        for place, k in enumerate(scene.moving.tolist()):
+            cosine = abs(float(predicted[k, QUATERNION] @ mean[k, QUATERNION]))
+            apart = (
+                np.linalg.norm(predicted[k, POSITION] - mean[k, POSITION]),
+                2.0 * math.acos(min(cosine, 1.0)),
+            )
+            result[k] = apart / np.maximum(spreads[place], spread_floors(self.start, k))
+        return result
+
+    @cached_property
+    def doubts(self) -> list[list[str]]:
+        """Reasons for which each body's spread should be compared with that of rollouts, in words."""
+        traits, start, count = self.propagator.traits, self.start, len(self.scene.bodies)
+        touched = np.isfinite(self.history.first_time)
+        nominal = self.touches & (traits.mean_update == "nominal")
+        reasons: dict[str, np.ndarray] = {"it is that of one nominal rollout": nominal}
+        if self.left_out:
+            reasons[f"it leaves out {', '.join(self.left_out)}"] = self.touches
+        if traits.separate_collisions:
+            reasons["it is of first order in the rotation of a step"] = self.step_turn > _MOST_FLIGHT_TURN
+        if isinstance(self.propagator, PointPairs):
+            uneven = np.ones(count) if self.asymmetry is None else self.asymmetry
+            moves = np.logical_or(self.touches, self.scene.gyroscopic)
+            reasons["opposite points do not move oppositely"] = moves & (uneven > _SYMMETRIC)
+            differ = touched.max(axis=0) & ~touched.min(axis=0)
+            differ = np.concatenate([differ, differ[:, :count].T], axis=1).max(axis=1)
+            reasons["its points touch different things"] = differ
+            if start.directions is None or start.directions.sum() > _MOST_DIRECTIONS:
+                reasons["its points lie far out"] = self.touches
+            reasons["its points may turn by half a turn"] = self._points_wrap()
+        return [[words for words, of in reasons.items() if of[k]] for k in range(count)]
+
+    def _points_wrap(self):
+        """Return of which bodies (B,) the farthest points may have turned by half a turn from the mean.
+
+        Rotations repeat there: the points' spread is too small, and they still look opposite. The number of
+        directions says how far out the points are. Before a contact a body flies as it began; since then, it
+        spins as in the final belief.
+        """
+        scene, start, found = self.scene, self.start, np.zeros(len(self.scene.bodies), bool)
+        if start.directions is None:
+            return found
+        far = math.sqrt(start.directions.sum() + len(scene.uncertain) + 0.5)
         turn = course_of(scene, self.snapshot.time / scene.dt).turn
-        found = blocks[:, ERR_ROTATION, ERR_ROTATION].copy()
-        for k, body in enumerate(scene.moving):
-            if not self.touches[body]:
-                x = self.start.mean[body]
+        first = self.history.first_time.min(axis=0)
+        since = self.snapshot.time - np.minimum(first.min(axis=1), first[:, : len(found)].min(axis=0))
+        for k, body in enumerate(scene.moving.tolist()):
+            P, x = start.blocks[k], start.mean[body]
+            if self.touches[body]:
+                spin = self.snapshot.belief.blocks[k, ERR_ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY]
+                std = math.sqrt(max(spin.trace(), 0.0)) * max(since[body], 0.0)
+            else:
                 back = left_jacobian(-turn * x[ANGULAR_VELOCITY])  # to the axes at the start
                 J = np.hstack([np.eye(3), turn * rotation_matrix(x[QUATERNION]).T @ back])
-                found[k] = J @ blocks[k, _SPUN, _SPUN] @ J.T
+                std = math.sqrt(max(np.linalg.eigvalsh(J @ P[_SPUN, _SPUN] @ J.T)[-1], 0.0))
+            begun = math.sqrt(max(np.linalg.eigvalsh(P[ERR_ROTATION, ERR_ROTATION])[-1], 0.0))
+            found[body] = far * max(std, begun) > math.pi
         return found
 
     @cached_property
@@ -163,21 +220,6 @@ class Evidence:
         """(B,): rotation of each body in one step, by its start and its end [rad]."""
         both = (x[:, ANGULAR_VELOCITY] for x in (self.start.mean, self.snapshot.belief.mean))
         return self.scene.dt * np.max([np.linalg.norm(omega, axis=1) for omega in both], axis=0)
-
-    @cached_property
-    def spread_factors(self) -> np.ndarray | None:
-        """(B, 2): factors between predicted and compared standard deviations of position and rotation; None
-        without rollouts.
-        """
-        scene, spreads = self.scene, self.spreads
-        if spreads is None:
-            return None
-        floors = spread_floors(self.start, scene.moving)
-        predicted = np.maximum(self.predicted_spreads, floors)
-        found = np.where(np.isfinite(spreads), np.maximum(spreads, floors), math.inf)
-        result = np.ones((len(scene.bodies), 2))
-        result[scene.moving] = np.maximum(predicted / found, found / predicted)
-        return result
 
     @cached_property
     def widening(self) -> np.ndarray | None:
@@ -220,11 +262,6 @@ class Evidence:
         return conserves_energy(self.scene, self.start, self.touched, self.group)
 
     @cached_property
-    def asymmetry(self) -> np.ndarray | None:
-        """(B,): the larger of the `asymmetries`."""
-        return None if self.asymmetries is None else self.asymmetries.max(axis=1)
-
-    @cached_property
     def highest_speed(self) -> np.ndarray:
         """(B,): highest speed of each body by its start, its end and gravity [m/s]."""
         scene, before, after = self.scene, self.start.mean, self.snapshot.belief.mean
@@ -262,7 +299,7 @@ def initial_diagnostics(prediction: PredictionData) -> InitialDiagnostics:
         samples,
         propagator.directions(initial) if isinstance(propagator, PointPairs) else None,
         *_found(prediction),
-        _coincidences(scene, prediction.initial.mean, shapes[:, 3]),
+        _coincident(scene, prediction.initial.mean, shapes[:, 3]),
         is_deterministic(scene, prediction.initial),
         _narrowed(prediction, samples),
     )
@@ -299,6 +336,16 @@ def _found(prediction):
     return history.start, kept
 
 
+def overlap_shares(prediction: PredictionData) -> np.ndarray:
+    """Return the share of samples or points in which each body overlapped something at the start, and was
+    moved unless the scene keeps overlap: (B,); zeros with the explicit integrator.
+    """
+    found, _ = _found(prediction)
+    if found is None:
+        return np.zeros(len(prediction.scene.bodies))
+    return (found.overlap > OVERLAP_TOLERANCE).mean(axis=0)
+
+
 def _narrowed(prediction, samples):
     """Return `InitialDiagnostics.narrowed`, of bodies that are not at rest and enough ``samples``."""
     scene, given, begun = prediction.scene, prediction.initial, prediction.start
@@ -318,16 +365,16 @@ def _narrowed(prediction, samples):
     return found
 
 
-def _coincidences(scene, mean, radii):
-    """Return `InitialDiagnostics.coincidence` of states (B, 13) of bodies with bounding ``radii`` (B,)."""
+def _coincident(scene, mean, radii):
+    """Return `InitialDiagnostics.coincident` of states (B, 13) of bodies with bounding ``radii`` (B,)."""
     apart = np.linalg.norm(mean[:, None, POSITION] - mean[None, :, POSITION], axis=2)
-    closeness = np.maximum(1.0 - apart / np.minimum(radii[:, None], radii), 0.0)
+    same = apart < _SAME_PLACE * np.minimum(radii[:, None], radii)
     held = held_at_start(scene)  # where its holder may be
-    closeness[held] = closeness[:, held] = 0.0
-    np.fill_diagonal(closeness, 0.0)
-    if closeness.any():
-        closeness[pair_overlaps(scene, mean[None])[0, :, : len(mean)] == 0.0] = 0.0
-    return closeness.max(axis=1)
+    same[held] = same[:, held] = False
+    np.fill_diagonal(same, False)
+    if same.any():
+        same &= pair_overlaps(scene, mean[None])[0, :, : len(mean)] > 0.0
+    return same.any(axis=1)
 
 
 def _shape(scene, body):
@@ -337,27 +384,27 @@ def _shape(scene, body):
     return principal[0], principal[-1], largest, body.model.bounding_radius
 
 
-def _sigma_point_asymmetries(scene, start, points):
-    """Return `Evidence.asymmetries` (B, 2) from the errors of points and of the opposite points."""
-    result = np.ones((len(scene.bodies), 2))
+def _sigma_point_asymmetry(scene, start, points):
+    """Return `Evidence.asymmetry` (B,) from the errors of points and of the opposite points."""
+    result = np.ones(len(scene.bodies))
     forth, back = points
     for k, body in enumerate(scene.moving):
         floors = spread_floors(start, body)
-        for c, (block, floor) in enumerate(zip((ERR_POSITION, ERR_ROTATION), floors, strict=True)):
+        for block, floor in zip((ERR_POSITION, ERR_ROTATION), floors, strict=True):
             odd = 0.5 * (forth[:, k, block] - back[:, k, block])
             even = 0.5 * (forth[:, k, block] + back[:, k, block])
             shift = even.sum(axis=0) / (len(even) + 0.5)
             straight = np.sum(odd**2) / (len(odd) + 0.5)
             bent = np.sum(even**2) / (len(even) + 0.5) - shift @ shift
             ratio = math.sqrt((straight + max(bent, 0.0) + floor**2) / (straight + floor**2))
-            result[body, c] = max(1.0, ratio)
+            result[body] = max(result[body], ratio)
     return result
 
 
 def spread_floors(start: InitialDiagnostics, body) -> np.ndarray:
     """Return the spreads of position [m] and rotation [rad] below which they count as equal: (..., 2)."""
-    radius = start.shapes[body, 3]
-    return np.stack([_SPREAD_FLOOR * radius, np.full(np.shape(radius), _SPREAD_FLOOR)], axis=-1)
+    radius, floor = start.shapes[body, 3], _SPREAD_FLOORS["explicit" if start.found is None else "implicit"]
+    return np.stack([floor * radius, np.full(np.shape(radius), floor)], axis=-1)
 
 
 def kinetic_moments(scene, start, belief, side):

@@ -17,11 +17,11 @@ def assess(prediction: Prediction, *, rollouts: int = ROLLOUTS) -> tuple[BodySta
     ----------
     prediction : Prediction
     rollouts : int, optional
-        Number of rollouts to compare the spread with; 0 for none. A single nominal rollout is compared
-        if there is something to touch, or a gyroscopic term. Pairs of points are compared if they touched
-        something and are uneven or many, or may have turned by half a turn. If spreads differ by a factor of
-        1.4 to 2.7, 24 more rollouts decide, unless there are 36.
-        With 0, contacts of a single nominal rollout are flagged as unchecked.
+        Number of rollouts to compare spread and mean with; 0 for none. A single nominal rollout is compared
+        if there is something to touch, or a gyroscopic term. Pairs of points are compared where they may
+        fail (`evidence.Evidence.doubts`). If spreads differ by a factor of more than 1.15, or means by more
+        than a quarter of the standard deviation, 24 more rollouts decide, unless there are 36. With 0,
+        answers that should be compared are flagged as unchecked.
 
     Returns
     -------

@@ -15,9 +15,9 @@ from ..scene.marks import whole
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, VELOCITY
 
-#: Relative travel in a step, over the sum of both thicknesses, and rotation in it [rad], up to which contacts
+#: Relative travel in a step, over the sum of both thicknesses, or rotation in it [rad], up to which contacts
 #: are seen.
-MOST_TRAVEL, MOST_TURN = 0.5, 0.5
+MOST_MOTION = 0.5
 _STEPS_AT_ONCE, _PAIRS_AT_ONCE = 200, 200_000  # steps, and these times rollouts and pairs
 _ROUND = (
     1e-3  # of the radius, by which the spheres of a body extend beyond one about its centre if it is round
@@ -128,7 +128,7 @@ def _is_fast(pairs, scene, speeds, spins):
     travel, turn = (
         scene.dt * of(*_of_both(pairs, all)) for of, all in ((np.add, speeds), (np.maximum, spins))
     )
-    return (travel > MOST_TRAVEL * pairs.thickness) | (turn > MOST_TURN) | scene.acts
+    return (travel > MOST_MOTION * pairs.thickness) | (turn > MOST_MOTION) | scene.acts
 
 
 def _first_meetings(scene, initial, pairs, turning, rollouts, steps):
@@ -183,5 +183,5 @@ def _motion(scene, states, pairs, turning):
     distance = np.linalg.norm(position + np.clip(nearest, 0.0, dt)[..., None] * velocity, axis=-1)
     for p in np.flatnonzero(~pair):
         distance[..., p] = scene.environment[-1 - j[p]].surface(states[..., i[p], POSITION])[0] - way[..., p]
-    fast = (travel > MOST_TRAVEL) | (turn > MOST_TURN)
+    fast = (travel > MOST_MOTION) | (turn > MOST_MOTION)
     return np.stack([travel, turn], axis=-1), fast & (distance < pairs.reach)

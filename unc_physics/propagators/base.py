@@ -246,18 +246,6 @@ class PointPairs(ABC):
         """Return the states (2 n + 1, B, 13) of the middle point, of n points, and of the opposite points."""
 
 
-class TwoSidedSlopes(ABC):
-    """Capability: the covariance is that of slopes, which are known on both sides of the mean."""
-
-    @abstractmethod
-    def slopes(self, carry: Any, scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Return the slopes of the outcome along n directions, on either side of the mean.
-
-        Both are errors (n, M, 12) by standard deviation of the belief. The third array (n,) is the distance
-        from the mean over which they are taken, in standard deviations. None where they are not known.
-        """
-
-
 def rollout_count(carry: Any) -> int:
     """Return the number of rollouts that a carry consists of."""
     return len(carry.contact_history.first_time)

@@ -21,7 +21,7 @@ from .options import option
 from .reduction import reduction, symmetric
 from .rollouts import SimulatedRollouts
 from .sobol import normal_points
-from .standard_errors import standard_errors, surface_errors, wrapped_errors
+from .standard_errors import standard_errors, wrapped_errors
 from .start import resolve_initial_overlap
 
 FEWEST_RUNS = 12
@@ -170,12 +170,7 @@ class Cloud(SimulatedRollouts, Samples, Rollouts):
         return labelled(self._runs(carry), scene)
 
     def measures(self, carry, scene):
-        errors = self.standard_errors(carry, scene)
-        return {
-            "surface_error": surface_errors(self._runs(carry), scene),
-            "mean_error": errors.relative,
-            "spread_error": errors.spread,
-        }
+        return {"spread_error": self.standard_errors(carry, scene).spread}
 
     def standard_errors(self, carry, scene):
         if not carry.errors:  # of a new batch, the answer and its status

@@ -32,7 +32,7 @@ from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS
 from ..spatial.layout import ERR_ANGULAR_VELOCITY, ERR_POSITION, ERR_ROTATION, ERR_VELOCITY, ERROR
 from ..spatial.rotation import cross, rotate
-from .base import Propagator, Supports, Traits, TwoSidedSlopes
+from .base import Propagator, Supports, Traits
 from .contact_derivative import contact_root, kick_column, moved_by_column
 from .point_pairs import most_points, opposite_points, point_states, spread_points
 from .rollouts import SimulatedRollouts, advance_rollouts, recorded_rollouts
@@ -76,7 +76,7 @@ class DifferenceCarry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Linearization(SimulatedRollouts, TwoSidedSlopes):
+class Linearization(SimulatedRollouts):
     """Joint covariance through derivatives of the nominal rollout (Eqs. 7 to 10).
 
     Notes
@@ -120,12 +120,11 @@ class Linearization(SimulatedRollouts, TwoSidedSlopes):
     def belief(self, carry, scene):
         if scene.integrator == "explicit":
             return Belief.trusted(carry.mean.copy(), _outer(carry.root), scene.moving)
-        forth, back, _ = _slopes(carry, scene)
-        slopes = 0.5 * (forth + back).reshape(len(forth), ERROR * len(scene.moving))
-        return Belief.trusted(point_states(carry, scene)[0], _outer(slopes.T.copy()), scene.moving)
-
-    def slopes(self, carry, scene):
-        return None if scene.integrator == "explicit" else _slopes(carry, scene)
+        points = point_states(carry, scene)
+        forth, back = opposite_points(points, scene.moving)
+        slopes = 0.5 * (forth / carry.reach[:, None, None] - back / carry.reach[:, None, None])
+        slopes = slopes.reshape(len(slopes), ERROR * len(scene.moving))
+        return Belief.trusted(points[0], _outer(slopes.T.copy()), scene.moving)
 
     def most_rollouts(self, scene, belief):
         return most_points(scene, belief) if scene.integrator in _DIFFERENCES else 1
@@ -268,13 +267,6 @@ def _kick_root_by_element(method, x, i, e, world, work):
         # the force is constant, and what moves the point along the normal leaves the torque alone
         _, turn, d_lever = moved_by_column(root, row, c, R[i], point)
         kick_column(root, row, c, (0.0, 0.0, 0.0), (torque, cross(d_lever, force), turn), world, R, i)
-
-
-def _slopes(carry, scene):
-    """Return the two sides' errors of the outcome by standard deviation, and the reach of the differences."""
-    forth, back = opposite_points(point_states(carry, scene), scene.moving)
-    reach = carry.reach[:, None, None]
-    return forth / reach, -back / reach, carry.reach
 
 
 @kernel

@@ -15,14 +15,6 @@ from .emission import SPREAD_FLOORS, Moments, Runs, moments
 _WIDE, _PARTS = 1.0, 8
 
 
-def surface_errors(runs: Runs, scene: Scene) -> np.ndarray:
-    """Return the error over variance of each body's surface (B,); 0 if it needs none."""
-    result = np.zeros(len(runs.mean))
-    for found in moments(runs, scene):
-        result[found.group.bodies] = found.error
-    return result
-
-
 def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
     """Return standard errors of means and standard deviations, from leaving one rollout out.
 

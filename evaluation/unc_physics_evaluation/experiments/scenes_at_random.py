@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from unc_physics import make_propagator, predict
@@ -13,6 +11,7 @@ from unc_physics.prediction.diagnostics import RULES, raised
 from unc_physics.prediction.probability import NORMAL_QUANTILE
 from unc_physics.prediction.status import assess
 from unc_physics.propagators.auto import Auto
+from unc_physics.propagators.base import Samples, StandardErrors
 from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION
 from unc_physics.spatial.moments import mean_and_errors
 
@@ -61,22 +60,22 @@ def run(job: Job) -> Outcome:
     scene, belief, horizon = scene_at_random(job.parameters["scene"])
     own = make_propagator(MONTE_CARLO, samples=job.parameters["truth"], seed=job.seed("truth"))
     truth = predict(scene, belief, own, horizon)
-    confirmed = [reasons(status, surely=False) for status in assess(truth)]
+    confirmed = [reasons(status) for status in assess(truth)]
     rows = []
     for name in METHODS:
         rows += method_rows(job, name, truth, confirmed)
     return Outcome(rows)
 
 
-def reasons(status: BodyStatus, *, surely: bool = True) -> set[str]:
+def reasons(status: BodyStatus) -> set[str]:
     """Return the names of the measures that raise flags of a body."""
-    return {name for name in raised(status.measures, surely=surely) if RULES[name].flag not in IGNORED}
+    return {name for name in raised(status.measures) if RULES[name].flag not in IGNORED}
 
 
 def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
     """Return rows of one method; none if it does not support the scene.
 
-    A flag is confirmed if the same measure of the truth exceeds its limit, surely or not. Any measure of
+    A flag is confirmed if the same measure of the truth exceeds its limit. Any measure of
     `SHAPE` confirms any other, as they all mean that no mean represents the outcomes. A missed goal is
     confirmed if the truth's outcomes vary enough (`misses_goal`).
     """
@@ -104,6 +103,7 @@ def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
             )
         ]
     rows = [Row(name, TIME, "s", prediction.wall_time, None, 0, seed)]
+    errors = propagator.standard_errors(prediction.carry, scene) if isinstance(propagator, Samples) else None
     for k in scene.moving.tolist():
         found, true = (Moments(one.belief.mean[k], one.belief.marginal(k)) for one in (prediction, truth))
         factor, mean_error = distance(found, true)
@@ -118,7 +118,7 @@ def method_rows(job: Job, name: str, truth, confirmed) -> list[Row]:
             MEAN: mean_error,
             FLAGS: len(flags),
             UNCONFIRMED: len(flags - truth_flags),
-            COVERED: holds(statuses[k].measures, found, true),
+            COVERED: holds(errors, k, found, true),
         }
         rows += [Row(name, quantity, "1", float(value), None, k, seed) for quantity, value in values.items()]
     return rows
@@ -141,14 +141,14 @@ def misses_goal(truth, body: int, rollouts: int, own: Auto) -> bool:
     return False
 
 
-def holds(measures: Mapping[str, float], found: Moments, true: Moments) -> bool:
-    """Return whether intervals from the reported standard errors contain the truth."""
-    if not {"spread_error", "mean_error"} <= set(measures):
+def holds(errors: StandardErrors | None, body: int, found: Moments, true: Moments) -> bool:
+    """Return whether intervals from the reported standard errors of a body contain the truth."""
+    if errors is None:
         return False
     factor, _ = distance(found, true)
     _, mean_error = distance(true, found)  # over the predicted standard deviation
-    of_spread, of_mean = (NORMAL_QUANTILE * measures[name] for name in ("spread_error", "mean_error"))
-    return mean_error <= of_mean and abs(np.log(factor)) <= np.log1p(of_spread)
+    of_spread, of_mean = (NORMAL_QUANTILE * own[body] for own in (errors.spread, errors.relative))
+    return bool(mean_error <= of_mean and abs(np.log(factor)) <= np.log1p(of_spread))
 
 
 def answers(rows: Rows) -> dict[str, list[Answer]]:

@@ -26,6 +26,7 @@ from unc_physics_msgs.msg import Probability as ProbabilityMessage
 
 from ...checks.errors import DivergedError
 from ...prediction.events import Event, InRegion, Touches
+from ...prediction.evidence import overlap_shares
 from ...prediction.prediction import Prediction
 from ...prediction.snapshot import Probability
 from ...prediction.status import assess_all
@@ -45,7 +46,7 @@ from .request import MARGINALS_ONLY, Job
 from .scene import write_joint_covariance
 
 #: Measures with their own fields in the message.
-_OVERLAP_FIELDS = ("overlap_share", "overlap_moved", "overlap_kept")
+_OVERLAP_FIELDS = ("overlap_moved", "overlap_kept")
 #: Most states of one object that are assessed separately, as documented in the message.
 ASSESSED_STATES = 16
 _SAME_POINT = np.zeros(3)
@@ -212,7 +213,9 @@ def write_statuses(message, prediction, rollouts) -> None:
             for state in predicted.states[begin:end]:
                 state.status = int(status.flags)
         begin = end
-    for predicted, status in zip(message.objects, statuses, strict=True):  # statuses of the last time
+    shares = overlap_shares(prediction)
+    for predicted, status, share in zip(message.objects, statuses, shares, strict=True):  # of the last time
+        predicted.overlap_share = float(share)
         texts = [*status.reasons, *(f"{_NOTE}{text}" for text in status.notes)]
         predicted.status, predicted.status_msg = int(status.flags), "; ".join(texts)
         predicted.status_values = [
