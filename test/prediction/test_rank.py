@@ -289,13 +289,6 @@ BAD = {
 }
 
 
-def test_actions_are_ranked_with_exact_shapes():
-    scene = replace(SCENE, integrator="contact", overlap=None)
-    found = rank(scene, BELIEF, ACTIONS, ON_SHELF, HORIZON, rollouts=60)
-    assert found.best.name == "middle" and found.best.score.estimate > 0.7
-    assert found["far"].score.estimate == 0.0 and found["far"].clearly_worse
-
-
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input_is_told_in_a_sentence(case):
     arguments = {"actions": ACTIONS, "score": ON_SHELF, "horizon": 0.05, "rollouts": 16} | BAD[case][0]

@@ -59,12 +59,12 @@ class ComputeBudget(NamedTuple):
     def next_piece(self, steps: int, took: float, scene: Scene) -> int:
         """Return the number of steps of the next piece of a prediction, when ``steps`` steps took ``took`` s.
 
-        With uncertain parameters each rollout is a separate call, which takes as long as dozens of steps. The
-        time limit is checked between these calls, so a piece may be longer: several times as long as all
-        before it. A piece is lost if time runs out meanwhile.
+        Where each rollout is a separate call, it takes as long as dozens of steps. The time limit is checked
+        between these calls, so a piece may be longer: several times as long as all before it. A piece is lost
+        if time runs out meanwhile.
         """
         spent = clock() - self.started
-        if not scene.uncertain:
+        if not _calls_each_rollout(scene):
             in_time = self.allowed is None or self.limit is not None  # however long the piece is
             allowed = math.inf if self.allowed is None else self.allowed
             longest = min(max(_SHARE_OF_SPENT * spent, _SHARE_OF_ALLOWED * allowed), _LONGEST)
@@ -82,7 +82,12 @@ class ComputeBudget(NamedTuple):
 
 def first_piece(scene: Scene) -> int:
     """Return the number of steps of the first piece of a prediction."""
-    return 8 if scene.uncertain else 1
+    return 8 if _calls_each_rollout(scene) else 1
+
+
+def _calls_each_rollout(scene):
+    """Return whether each rollout is a separate call: explicit ones with uncertain parameters."""
+    return scene.integrator == "explicit" and bool(scene.uncertain)
 
 
 def _fitting(steps, took, longest, growth):

@@ -1,4 +1,4 @@
-"""Contact, region and rest on the implicit step: flights up to the first contact, and samples."""
+"""Contacts and regions of propagators without samples: simulated samples, or flights up to a contact."""
 
 import numpy as np
 import pytest
@@ -23,25 +23,19 @@ from unc_physics.prediction.events import ENVIRONMENT
 from unc_physics.prediction.first_contacts import first_contacts
 from unc_physics.scene.marks import whole
 
-
-@pytest.fixture(scope="module")
-def thrown():
-    """Two boxes thrown at a table that one of them may miss."""
-    box = load_model("salt_box").prefix(60)
-    table = [
-        Box(name="table", size=(0.6, 0.6, 0.05), position=(0, 0, -0.025)),
-        Plane(name="floor", offset=-0.7),
-    ]
-    scene = Scene.everyday(
-        [RigidBody("near", box, 1.0), RigidBody("edge", box, 1.0)], exact=True, environment=table
-    )
-    near, edge = state((0, 0, 0.2), spin=(1, 0, 0)), state((0.3, 0.2, 0.3), spin=(0, 4, 1))
-    return scene, independent(near, edge, position=0.03, velocity=0.2)
+TABLE = [Box(name="table", size=(0.6, 0.6, 0.05), position=(0, 0, -0.025)), Plane(name="floor", offset=-0.7)]
+BOXES = [RigidBody(name, load_model("salt_box").prefix(60), 1.0) for name in ("near", "edge")]
+EVERYDAY = Scene.everyday(BOXES, exact=True, environment=TABLE)
+EXPLICIT = Scene(BOXES, environment=TABLE, gravity=(0, 0, -G))
+#: Both are thrown at a table that one of them may miss.
+THROWN = independent(
+    state((0, 0, 0.2), spin=(1, 0, 0)), state((0.3, 0.2, 0.3), spin=(0, 4, 1)), position=0.03, velocity=0.2
+)
 
 
 @pytest.mark.parametrize("horizon", [0.1, 0.25])
-def test_flights_and_samples_agree_on_contacts(thrown, horizon):
-    scene, belief = thrown
+def test_flights_and_samples_agree_on_contacts(horizon):
+    scene, belief = EVERYDAY, THROWN
     truth = predict(scene, belief, make_propagator("monte_carlo", samples=1000, seed=5), horizon)
     events = encounters(scene)
     points = predict(scene, belief, "sigma_points", horizon, events=events)
@@ -59,35 +53,27 @@ def test_flights_and_samples_agree_on_contacts(thrown, horizon):
         assert one.high - one.low < 0.2 or event.other != ENVIRONMENT
 
 
-def test_a_flight_is_the_prediction_until_it_touches_something(thrown):
-    scene, belief = thrown
-    scene = predict(scene, belief, "sigma_points", scene.dt).scene
-    steps, count = 60, 50
-    early, flights = first_contacts(
-        scene, belief, [whole(20, scene.dt), whole(steps, scene.dt)], count, seed=7
-    )
-    reference = predict(
-        scene, belief, make_propagator("monte_carlo", samples=count, seed=7), steps * scene.dt
-    )
+def test_an_explicit_flight_is_the_prediction_until_it_touches_something():
+    marks, count = [whole(steps, EXPLICIT.dt) for steps in (8, 25)], 50
+    early, flights = first_contacts(EXPLICIT, THROWN, marks, count, seed=7)
+    reference = predict(EXPLICIT, THROWN, make_propagator("monte_carlo", samples=count, seed=7), 0.25)
     first = reference.carry.contact_history.first_time
     own = np.minimum(first.min(axis=2), first[:, :, :2].min(axis=1))
     assert 0.1 < np.isfinite(flights.known_until).mean() < 1.0
     # of the samples' bodies that touch nothing, and meet none that was stopped
     free = np.isinf(flights.known_until) & np.isinf(own)
     np.testing.assert_array_equal(flights.states[free], reference.carry.states[free])
-    (alone,) = first_contacts(scene, belief, [whole(20, scene.dt)], count, seed=7)
+    (alone,) = first_contacts(EXPLICIT, THROWN, marks[:1], count, seed=7)
     for one, other in zip(early, alone, strict=True):
         np.testing.assert_array_equal(one, other)
     # whoever touches something first does so then
     np.testing.assert_array_equal(flights.known_until.min(axis=1), own.min(axis=1))
 
 
-def test_what_was_stopped_stands(thrown):
+def test_what_was_stopped_stands():
     """The other one flies on, and may touch it."""
-    scene, _ = thrown
-    scene = predict(scene, thrown[1], "sigma_points", scene.dt).scene
-    mean = [state((0, 0, 0.15)), state((0, 0, 0.6))]
-    still, flights = first_contacts(scene, Belief.exact(mean), [whole(60, scene.dt), whole(240, scene.dt)], 1)
+    belief, marks = Belief.exact([state((0, 0, 0.15)), state((0, 0, 0.6))]), (25, 100)
+    still, flights = first_contacts(EXPLICIT, belief, [whole(steps, EXPLICIT.dt) for steps in marks], 1)
     table, other = flights.first_contacts[0, 0, 2], flights.first_contacts[0, 0, 1]
     assert 0.0 < table < other < 0.4  # the lower one, then the upper one on it
     assert flights.known_until[0].tolist() == [table, other]
