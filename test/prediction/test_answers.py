@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from example_scenes import everyday
+from plain_scenes import lowest
 
 from unc_physics import (
     PROPAGATORS,
@@ -145,7 +146,7 @@ def on_edge(distance):
     table = Box((0.8, 0.8, 0.02), (-0.4, 0.0, 0.39), name="table")
     body = RigidBody("brick", model, at_rest=True)
     scene = Scene.everyday([body], exact=True, environment=[Plane(name="floor"), table])
-    height = 0.4 + float(np.max(model.radii - model.centers[:, 2]))
+    height = 0.4 - lowest(model)
     start = BodyBelief(position=(-distance * std, 0.0, height), position_std=(std, std, 0.0))
     return scene, Belief.of(scene, {"brick": start}), std
 
