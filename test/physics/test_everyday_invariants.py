@@ -216,6 +216,8 @@ def test_free_flight_is_a_parabola_and_keeps_angular_momentum(dt):
     spins = [momenta(scene, z)[1] - np.cross(z[0, :3], momenta(scene, z)[0]) for z in (x, y)]
     np.testing.assert_allclose(*spins, rtol=0, atol=1e-9)
     assert energy(scene, y) == pytest.approx(energy(scene, x), rel=1e-6)
+    y = run(world(body, dt=dt, damping=0.7, environment=()), state(velocity=(1, 0, 0)), 1.5)[0]
+    np.testing.assert_allclose(y[[3, 5]], [np.exp(-1.05), -9.81 / 0.7 * (1 - np.exp(-1.05))], rtol=1e-9)
     free = {"gravity": None, "gyroscopic": False, "damping": 0.7, "environment": ()}
     y = run(world(body, dt=dt, **free), state((0, 0, 0), (1, 2, 3), (3, 2, 1)), 1.5)[0]
     np.testing.assert_allclose(y[3:6], np.exp(-0.7 * 1.5) * np.array([1, 2, 3]), rtol=1e-9)

@@ -251,6 +251,15 @@ def test_a_ball_of_given_inertia_rolls_down_without_a_flag(inertia, radius):
     assert status.flags == Status.FINE, status.message
 
 
+def test_an_uncertain_mass_changes_no_motion_before_contacts():
+    scene = world(RigidBody("b", solid_box("b", (0.1, 0.08, 0.06), 0.5).model, 0.5, mass_std=0.1))
+    belief = Belief.exact(state((0, 0, 0.5), (1, 0, 0), (2, 20, 1))[None], scene.moving)
+    p = predict(scene, belief, make_propagator("monte_carlo", samples=8), times=[0.2, 0.6])
+    assert np.ptp(p.carry.parameters) > 0.1
+    flown = p.samples(time=0.2)
+    np.testing.assert_allclose(flown, np.broadcast_to(flown[:1], flown.shape), rtol=0, atol=1e-9)
+
+
 def test_a_stiffness_is_refused():
     with pytest.raises(InvalidOptionError, match="integrator: implicit") as caught:
         world(RigidBody("can", load_model("can")), stiffness=1e6)

@@ -1,6 +1,7 @@
 """What robots do: prescribed paths, moving surfaces, wrenches, attachment, pushes; and drag."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from everyday_worlds import (
     world,
 )
 from law_table import Laws
-from plain_scenes import BALL, G, at_steps, state
+from plain_scenes import BALL, G, at_steps, momenta, state
 from scipy.spatial.transform import Rotation
 
 from unc_physics import PosePath, RigidBody, Scene, Wrench, load_model
@@ -211,6 +212,11 @@ def forces_and_torques_give_their_impulses(dt):
     yield "speed [m/s]", 0.3 * 0.2 / 0.5, x[3], 1e-10
     yield "way [m]", 0.12 * (1.0 - 0.1013 - 0.1), x[0], 2e-5
     yield "spin [rad/s]", 2e-5 * 0.2 / (0.5 * 0.001), x[12], 1e-10
+    wrench = Wrench(torque=(1e-3, 0, 2e-3), duration=0.3)
+    scene = world(replace(BLOCK, wrenches=[wrench]), **space)
+    x = run(scene, state(orientation=about((1, 2, 3), 0.8)), 0.5)
+    error = momenta(scene, x)[1] - 0.3 * np.array([1e-3, 0, 2e-3])
+    yield "turned box: angular momentum [kg m^2/s]", 0, np.abs(error).max(), 1e-9
     wrench = Wrench(force=(1.0, 0, 0), body_axes=True)
     ball, t = RigidBody("ball", BALL, 1.0, wrenches=[wrench]), round(math.pi / 2 / dt) * dt
     x = run(world(ball, **space), state(spin=(0, 0, 2)), t)
