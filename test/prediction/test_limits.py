@@ -182,7 +182,7 @@ def seen(evidence, mean=None, spreads=None):
     return knowing(replace(evidence, compared=np.tile(own, (2, 1, 1))), compared_moments=moments)
 
 
-@case(1.6, OUTSIDE, of=(True, False))
+@case(1.5, OUTSIDE, of=(True, False))
 def spread_disagreement(value, below):
     return compared(value, below)
 

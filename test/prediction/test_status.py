@@ -107,7 +107,7 @@ def test_a_face_that_lands_by_one_of_its_edges_is_compared_with_rollouts(name):
         r"rollouts: (position [\d.e-]+ m|rotation [\d.e-]+ rad) predicted, [\d.e-]+ (m|rad) in rollouts"
         r"( \(less [^)]*\))?; "
     )
-    assert re.search(words + r".*\(spread_disagreement [\d.]+ above 1.6\)", status.message)
+    assert re.search(words + r".*\(spread_disagreement [\d.]+ above 1.5\)", status.message)
     scene, belief = brick_on_a_floor(0.0, (0.3, 0, 0), 1e-3, 1e-2, 1e-2)
     (status,) = statuses(scene, belief, name, 0.5)
     assert status.flags == Status.FINE

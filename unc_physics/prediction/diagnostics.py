@@ -268,7 +268,7 @@ def rotation_std(evidence):
 
 @_measure(
     Status.OUTSIDE_VALIDITY,
-    1.6,
+    1.5,  # from which on evaluations count a spread as wrong
     f"its predicted spread differs from that of rollouts: {{detail}}; take {_SAMPLED}",
     detail=_spreads_apart,
 )
@@ -281,7 +281,9 @@ def spread_disagreement(evidence):
 
 
 @_measure(
-    Status.OUTSIDE_VALIDITY, 0.5, f"its predicted mean differs from that of rollouts; take {_ESTIMATED}"
+    Status.OUTSIDE_VALIDITY,
+    0.5,  # from which on evaluations count a mean as wrong
+    f"its predicted mean differs from that of rollouts; take {_ESTIMATED}",
 )
 def mean_disagreement(evidence):
     """Distance of the predicted mean from that of a few rollouts, over their standard deviation, of position
