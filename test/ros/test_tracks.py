@@ -21,7 +21,7 @@ from unc_physics.ros.tracks import Tracks
 from unc_physics_msgs.msg import EnvironmentElement, TrackedObject
 
 STD, START = 0.002, 1_000_000_000_000  # m, ns
-FEW = 1000  # spheres, of which a can has fewer and a brick more
+FEW = 4500  # spheres, of which a can has fewer and a plate more
 SETTINGS = Settings(track=True, tracking_members=16, exact=True, forget_after=5.0)
 
 
@@ -214,7 +214,7 @@ def test_objects_that_are_new_at_the_same_time_are_all_tracked(tracks):
 
 
 def test_an_object_that_a_new_environment_makes_invalid_is_dropped(tracks):
-    both, models = ((0, 0, 0), (1, 0, 0)), ("can", "brick")
+    both, models = ((0, 0, 0), (1, 0, 0)), ("can", "plate")
     assert tracks.see(0.0, *both, models=models, named=True).births == 2
     assert tracks.tracks.take_dropped() == {}
     tracks.environment.set(floor(offset=0.01))
@@ -223,18 +223,18 @@ def test_an_object_that_a_new_environment_makes_invalid_is_dropped(tracks):
     assert outcome.accepted == 1 and not outcome.skipped
     assert list(tracks.known()) == tracks.tracks.names == ["can 0"]
     dropped = tracks.tracks.take_dropped()
-    assert list(dropped) == ["brick 1"] and f"at most {FEW}" in dropped["brick 1"]
+    assert list(dropped) == ["plate 1"] and f"at most {FEW}" in dropped["plate 1"]
     assert tracks.tracks.take_dropped() == {}
     outcome = tracks.see(0.2, *both, models=models, named=True)
     assert (outcome.accepted, outcome.births) == (2, 1)
 
 
 def test_without_valid_objects_nothing_is_tracked_until_a_new_one(tracks):
-    tracks.see(0.0, (0, 0, 0), models=["brick"], named=True)
+    tracks.see(0.0, (0, 0, 0), models=["plate"], named=True)
     tracks.environment.set(floor(offset=0.01))
     tracks.tracks.advance(tracks.stamp(0.5), replace(SETTINGS, max_spheres=FEW))
     assert not tracks.known() and not tracks.tracks.names
-    assert list(tracks.tracks.take_dropped()) == ["brick 0"]
+    assert list(tracks.tracks.take_dropped()) == ["plate 0"]
     assert tracks.see(0.6, (0, 0, 0), named=True).births == 1
     assert list(tracks.known()) == ["can 0"]
 

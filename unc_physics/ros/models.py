@@ -210,7 +210,7 @@ class ShapePacker:
         size = read_dimensions(message, field)
         simple = _simple(message, size)
         if simple is not None:
-            return simple.prefix(spheres) if spheres else simple
+            return simple.prefix(spheres) if spheres and len(simple) > 1 else simple
         try:
             vertices, triangles = _mesh(message, size)
         except InvalidMeshError as error:

@@ -214,8 +214,9 @@ class SpherePacking:
             raise InvalidModelError(
                 f"is more than the {len(self)} spheres of model '{self.name}'", field="spheres", value=k
             )
-        if k == len(self):
-            return self
+        return self if k == len(self) else self._first(k)
+
+    def _first(self, k):
         measured = {}
         if self.measured_spheres is not None:
             known = int(np.sum(self.measured_spheres <= k))

@@ -99,15 +99,16 @@ def ball(radius: float) -> SpherePacking:
 class PrimitiveModel(SpherePacking):
     """Model of a box, cylinder or capsule, whose spheres are packed when something first asks for them.
 
-    ``prefix`` and `dataclasses.replace` ask for them.
+    `dataclasses.replace` asks for them.
     """
 
     _lengths: tuple[float, ...] = ()
+    _count: int = 0
 
     def __getattr__(self, name):
         if name not in _OF_SPHERES or not self._lengths:
             raise AttributeError(name)
-        packing = _packed(self.name, self._lengths)
+        packing = _packed(self.name, self._lengths).prefix(self._count)
         for field in _OF_SPHERES:
             object.__setattr__(self, field, getattr(packing, field))
         return getattr(self, name)
@@ -115,18 +116,25 @@ class PrimitiveModel(SpherePacking):
     def __repr__(self):
         return f"PrimitiveModel({self.name!r}, {self._lengths})" if self._lengths else super().__repr__()
 
+    def __len__(self):
+        return self._count or super().__len__()
+
+    def _first(self, k):
+        return _primitive(self.name, self._lengths, k) if self._lengths else super()._first(k)
+
     def scaled(self, s):
         if not self._lengths:
             return super().scaled(s)
         scale = positive(s, "scale", InvalidModelError)
-        return self if scale == 1.0 else _primitive(self.name, tuple(scale * each for each in self._lengths))
+        lengths = tuple(scale * each for each in self._lengths)
+        return self if scale == 1.0 else _primitive(self.name, lengths, self._count)
 
 
 _OF_SPHERES = ("centers", "radii", "surface_gap", "measured_spheres", "extent_losses")
 
 
 @functools.lru_cache(maxsize=256)
-def _primitive(shape, lengths):
+def _primitive(shape, lengths, count=SPHERES):
     """Return the model of a box, cylinder or capsule with sizes in the order of `SIZES`."""
     (piece,) = pieces = primitive_pieces(shape, lengths)
     volume, _, inertia = mass_properties(pieces)
@@ -138,12 +146,13 @@ def _primitive(shape, lengths):
         "volume": float(volume),
         "origin": np.zeros(3),
         "pieces": pieces,
+        "pieces_kind": shape,
     }
     values["bounds"] = box_about(pieces)
     values["bounding_radius"] = float(np.linalg.norm(piece.outline(), axis=1).max() + piece.rounding)
     if shape == "cylinder":
         values["bounding_radius"] = float(np.hypot(lengths[0], 0.5 * lengths[1]))
-    for name, value in (values | {"_lengths": lengths}).items():
+    for name, value in (values | {"_lengths": lengths, "_count": count}).items():
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
         object.__setattr__(model, name, value)

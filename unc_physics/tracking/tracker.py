@@ -208,8 +208,8 @@ class Tracker:
     def parameters(self) -> dict[str, tuple[float, float]]:
         """Return mean and standard deviation of the scene's uncertain parameters, in standard deviations.
 
-        Keys are ``"friction"`` for a parameter of the whole scene, ``"mass of can"`` for one of a body or an
-        element, and ``"gravity_direction[0]"`` for one direction of several.
+        Keys are ``"stiffness"`` for a parameter of the whole scene, ``"friction of can"`` for one of a body
+        or an element, and ``"gravity_direction[0]"`` for one direction of several.
         """
         z = self._state_at(self._time).carry.parameters
         return {
