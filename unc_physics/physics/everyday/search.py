@@ -30,7 +30,7 @@ from ...shapes.columns import NORMAL as FOUND_NORMAL
 from ...shapes.columns import POINT as FOUND_POINT
 from ...shapes.columns import RADIUS as PIECE_RADIUS
 from ...shapes.manifold import contacts_of_pieces, manifold_of_pieces, reduce, write_contact
-from ...shapes.nearest import half_space, nearest
+from ...shapes.nearest import above_half_space, half_space, nearest
 from ...shapes.support import best_face, gap_along, unit
 from ...spatial.rotation import cross
 from ...spatial.vectors import dot, minus, plus, three, times
@@ -285,7 +285,7 @@ def _candidates(a, b, far, dt, slack, Y, solids, old, first, had, search, count)
             count[SEARCHES] += 1
             parted = three(L, k, L_PARTED)
             if pieces[pa, KIND] == HALF_SPACE:
-                gap, n, _, _ = nearest(pa, pb, n, False, far, base, Y, pieces, solids.rows, search.work)
+                gap, n, _, _ = above_half_space(pa, pb, base, Y, pieces, solids.rows)
                 reach = min(reach, dt * (max(-dot(u, n), 0.0) + more) + slack)
                 sure, most = gap, reach
             elif dot(parted, parted) > 0.0:
@@ -571,7 +571,7 @@ def _meet_one(a, b, far, lean, Y, solids, old, first, had, search, count):
         pa, pb, n, had > 0, far, lean, base, Y, pieces, rows, search.work, search.polygons, search.out, 0
     )
     if k == 0 and pieces[pa, KIND] == HALF_SPACE:
-        gap = nearest(pa, pb, n, False, far, base, Y, pieces, rows, search.work)[0]
+        gap = above_half_space(pa, pb, base, Y, pieces, rows)[0]
     if k == 0:
         write(pairs[a], b, PARTED, n)
     return _patches(k, lean, search.out), gap
