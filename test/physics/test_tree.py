@@ -129,13 +129,11 @@ def test_a_small_buffer_of_pairs_only_takes_more_rounds():
     assert check(ci, ri, ci, ri, np.eye(3), np.array([0.2, 0, 0]), pairs_at_once=sphere_tree.WIDTH**2) > 1000
 
 
-def test_packings_with_the_same_spheres_share_their_tree_and_hull():
+def test_packings_with_the_same_spheres_share_their_tree():
     """Each was loaded for itself, as in scene files."""
     models = [load_model("pin").prefix(30) for _ in range(2)]
-    scene = Scene.everyday([RigidBody(f"pin{k}", model) for k, model in enumerate(models)], stiffness=1e4)
+    scene = Scene([RigidBody(f"pin{k}", model) for k, model in enumerate(models)], stiffness=1e4)
     assert len(scene.world.tree.radii) == 30
     assert len(np.unique(scene.world.bodies.root)) == 1
-    assert scene.world.implicit is not None
-    assert len(np.unique(scene.world.implicit.hull_range[:, 0])) == 1
     assert shape_of(models[0]) is shape_of(models[1])
     assert len({shape_of(other) for other in (*models, models[0].scaled(2.0), models[0].prefix(29))}) == 3
