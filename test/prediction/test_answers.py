@@ -67,7 +67,7 @@ def test_modes_that_stay_have_the_probability_to_stay(pushed, name):
     scene, belief, horizon = pushed
     options = {"samples": 100} if name == "monte_carlo" else {}
     falls = FellOff("carton", support="table")
-    prediction = predict(scene, belief, make_propagator(name, **options), horizon, events=[falls])
+    prediction = predict(scene, belief, make_propagator(name, **options), horizon)
     found = prediction.probability(falls)
     modes = prediction["carton"].modes
     assert len(modes) > 1, "the case must split"
@@ -170,11 +170,11 @@ def test_a_rare_fall_is_flagged_or_simulated():
     """Of probability 0.5 %, which 32 rollouts miss six times in seven; not of one that never happens."""
     scene, belief, std = on_edge(2.6)
     rare = 0.5 * math.erfc(2.6 / math.sqrt(2.0))
-    expected = math.hypot(std, math.sqrt(rare) * 0.3)  # the fall is about that far
+    expected = math.hypot(std, math.sqrt(rare) * 0.4)  # down to the floor
     for seed in range(2):
-        (cloud,) = assess(predict(scene, belief, make_propagator("cloud", seed=seed), 0.6))
+        (cloud,) = assess(predict(scene, belief, make_propagator("cloud", seed=seed), 1.0))
         spread = math.sqrt(
-            np.trace(predict(scene, belief, make_propagator("auto", seed=seed), 0.6).belief.blocks[0][:3, :3])
+            np.trace(predict(scene, belief, make_propagator("auto", seed=seed), 1.0).belief.blocks[0][:3, :3])
         )
         assert cloud.flags
         assert cloud.measures["rare_outcomes"] > 1.4 or cloud.measures["spread_error"] > 0.1

@@ -92,4 +92,5 @@ def test_marginals_and_joint_moments_agree(name):
     assert own.independent and not joint.independent
     np.testing.assert_array_equal(own.mean, joint.mean)
     stds = [np.sqrt(np.einsum("mii->mi", belief.blocks)) for belief in (own, joint)]
-    np.testing.assert_allclose(stds[1], stds[0], rtol=1e-9 if name == "monte_carlo" else 0.2)
+    exact = name == "monte_carlo"  # the others' by a few per cent of what spins make of the bodies' sizes
+    np.testing.assert_allclose(stds[1], stds[0], rtol=1e-9 if exact else 0.2, atol=0.0 if exact else 0.01)

@@ -128,41 +128,13 @@ def test_an_error_that_all_bodies_share(origin):
     assert not np.allclose(shared.belief.joint, plain.belief.joint)
 
 
-# -- the number of spheres ---------------------------------------------------------------------------
+@pytest.mark.parametrize("physics", ["everyday", "paper"])
+def test_a_body_has_all_spheres_of_its_model_or_the_first_ones(physics):
+    def count(**entries):
+        body = {"name": "a", "model": "salt_box"} | entries
+        return len(scene_from_dict({"physics": physics, "bodies": [body]}).scene.bodies[0].model)
 
-
-def spheres_of(**content):
-    """Numbers of spheres of a scene's bodies, by default of one salt box."""
-    scene = scene_from_dict({"bodies": [{"name": "a", "model": "salt_box"}], **content}).scene
-    return [len(body.model) for body in scene.bodies]
-
-
-def test_auto_takes_as_many_spheres_as_are_needed():
-    model = load_model("salt_box")
-    plane, ball = {"plane": {"normal": [0, 0, 1]}}, {"sphere": {"radius": 0.1, "position": [0, 0, -0.1]}}
-    alone, meeting = model.sufficient_count(sink=None), model.sufficient_count()
-    assert alone < meeting < len(model)
-    auto = [{"name": "a", "model": "salt_box", "spheres": "auto"}]
-    assert spheres_of(bodies=auto, environment=[plane]) == spheres_of(physics="paper", bodies=auto) == [alone]
-    assert spheres_of(bodies=auto, environment=[plane, ball]) == [meeting]
-    two = [auto[0] | {"name": name, "position": [x, 0, 0]} for name, x in (("a", 0), ("b", 1))]
-    assert spheres_of(bodies=two) == [meeting, meeting]
-    assert spheres_of() == spheres_of(physics="paper") == [len(model)]
-    auto[0]["spheres"] = 123
-    assert spheres_of(bodies=auto) == [123]
-
-
-def test_auto_counts_the_spheres_of_the_scaled_body():
-    half = [
-        {"name": "a", "model": "brick", "spheres": "auto", "scale": 0.5, "mass": 1.0},
-        {"name": "b", "model": "can"},
-    ]
-    found = spheres_of(physics="everyday", bodies=half)[0]
-    assert (
-        found == load_model("brick").scaled(0.5).sufficient_count() < load_model("brick").sufficient_count()
-    )
-
-
-def test_another_text_than_auto_is_refused():
-    with pytest.raises(InvalidModelError, match="must be a positive integer or 'auto'"):
-        spheres_of(bodies=[{"name": "a", "model": "can", "spheres": "many"}])
+    assert count() == count(spheres=None) == len(load_model("salt_box")) and count(spheres=123) == 123
+    for value in ("auto", "many"):
+        with pytest.raises(InvalidModelError, match="spheres must be"):
+            count(spheres=value)
