@@ -278,7 +278,7 @@ FLOATING = '<joint name="j" type="{}"><parent link="a"/><child link="b"/></joint
         ('<link name="b"><inertial><mass value="0"/></inertial></link>', set(), set()),
         (f'<link name="world">{MASS}{SPHERE}</link>', set(), set()),
         (f'<link name="a"/><link name="b">{MASS}{SPHERE}</link>{FLOATING.format("floating")}', {"b"}, set()),
-        (f'<link name="a"/><link name="b">{SPHERE}</link>{FLOATING.format("floating")}', set(), {"b"}),
+        (f'<link name="a"/><link name="b">{SPHERE}</link>{FLOATING.format("floating")}', set(), set()),
         (f'<link name="a"/><link name="b">{MASS}</link>{FLOATING.format("fixed")}', set(), set()),
         (f'<link name="a"/><link name="b">{MASS}</link>{FLOATING.format("continuous")}', set(), {"b"}),
     ],
