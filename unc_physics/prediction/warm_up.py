@@ -30,7 +30,7 @@ from .status import assess
 #: The model of the bodies, as answers name it.
 MODEL = "rod"
 #: Approximate number of kernels that `warm_up` of all propagators compiles, for progress bars.
-TYPICAL_KERNELS = {"everyday": 330, "paper": 170}
+TYPICAL_KERNELS = {"everyday": 445, "paper": 170}
 _LOOK = 0.2  # s, between reports
 _STEPS = 3
 _EVERYDAY = PRESETS["everyday"]
