@@ -28,6 +28,23 @@ def a_ball_rebounds_with_e_times_its_speed(dt):
 
 
 @law
+def a_ball_rebounds_alike_from_rows_of_cubes(dt):
+    """Cubes that touch at their sides bear no part of an impact on one of them: the height of one cube."""
+    side, r, h, e = 0.05, 0.02, 0.3, 0.7
+    alone = None
+    for count in (1, 9, 20):
+        bodies = [*(solid_box(f"c{k}", (side,) * 3, 0.5) for k in range(count)), solid_ball("b", r, 0.05)]
+        scene = world(*bodies, dt=dt, restitution=e, friction=0.0)
+        start = [state((side * k, 0, 0.5 * side)) for k in range(count)]
+        start.append(state((side * (count // 2), 0, side + r + h)))
+        x = run(scene, start, math.sqrt(2 * h / G) + 0.1)[-1]
+        height = (x[2] - side - r + x[5] ** 2 / (2 * G)) / h
+        alone = height if alone is None else alone
+        yield f"{count} cubes: height over h", alone, height, 0.01
+    yield "1 cube: it rebounds", 0.29, alone, 0.02
+
+
+@law
 def an_elastic_ball_loses_nothing(dt):
     """Energy: constant for e = 1."""
     scene = world(solid_ball("b", 0.03, 0.2), dt=dt, restitution=1.0, friction=0.0)

@@ -158,7 +158,7 @@ def _advance(first, last, members, begin, end, fresh, actions, own, work):
     the points and masses of the middle, half a move.
     """
     Y, C, par, states, dt = work.Y, work.C, own.par, work.states, end - begin
-    now, longest, cuts, driven = begin, dt, CUTS // len(members), len(actions.kinematic) > 0
+    now, longest, cuts, driven = begin, dt, max(CUTS // len(members), 1), len(actions.kinematic) > 0
     if dt > LONGEST or _turns(members, Y, dt):
         longest = dt / SUBSTEPS
     while end - now > _END * dt:
