@@ -28,6 +28,18 @@ def a_ball_rebounds_with_e_times_its_speed(dt):
 
 
 @law
+def a_ball_rebounds_alike_whenever_it_lands_in_a_step(dt):
+    """Energy after the bounce: e^2 of that before, also where the impact is just after the end of a step."""
+    scene, e = world(solid_ball("b", 0.03, 0.2), dt=dt, restitution=0.8, friction=0.0), 0.8
+    steps = round(0.25 / dt)
+    for part in (-0.01, -1e-4, 0.0, 1e-4, 1e-3, 3e-3, 8e-3, 0.03, 0.5):
+        h = 0.5 * G * ((steps + part) * dt) ** 2
+        x = run(scene, state((0, 0, 0.03 + h)), (steps + 8) * dt)[0]
+        found = (x[2] - 0.03 + x[5] ** 2 / (2 * G)) / h
+        yield f"landing {part} steps after one ends", e * e, found, 1e-6
+
+
+@law
 def a_ball_rebounds_alike_from_rows_of_cubes(dt):
     """Cubes that touch at their sides bear no part of an impact on one of them: the height of one cube."""
     side, r, h, e = 0.05, 0.02, 0.3, 0.7

@@ -244,7 +244,8 @@ def _refresh(first, last, C, Y, h, moved):
             acc = minus(acc, three(Y, a, ACCEL))
         t = _meets(C, k, u, dot(acc, three(C, k, NORMAL)) + C[k, BEND], h)
         if C[k, GAP] < FAR:
-            C[k, GAP] = gap
+            # what falls and does not get here goes by the mean of its present velocity and its new one
+            C[k, GAP] = max(gap, 2.0 * gap + h * u) if t > h and u < -landing(C, k) else gap
         C[k, MODE] = WAITS if t <= h else HOLDS
         soon = min(soon, t)
         deep = deep or gap < -SLOP
