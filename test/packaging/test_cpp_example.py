@@ -83,8 +83,8 @@ def test_it_fills_the_request_and_reads_the_answer(headers, tmp_path):
     run([*command, "main.cpp", "-o", "main"], cwd=tmp_path, env=None)
     out = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True).stdout.splitlines()
     assert out == [
-        "can can 500 0 -0.2 0.0004",
-        "brick brick 500 1 0 0",
+        "can can 0 0 -0.2 0.0004",
+        "brick brick 0 1 0 0",
         "0.000 s: (0.000, 0.000, 0.000) m +- (0.000, 0.000, 0.000) m",
         "0.500 s: (0.000, 0.250, 0.000) m +- (0.000, 0.200, 0.000) m",
         "error 25: too late",
