@@ -19,12 +19,13 @@ from unc_physics_msgs.msg import EnvironmentElement, ObjectState
 
 
 def test_the_node_s_own_physics_is_a_robot_s_world(predict):
-    response = predict(good_request())
+    response = predict(with_physics(good_request(), gravity=None))
     assert_answered(response)
     assert response.prediction.propagator == "auto"
-    summary = response.prediction.physics_summary
-    assert summary.startswith("implicit, dt 0.0041667 s, gravity")
-    assert "friction 0.25 +- 0.12, restitution 0.25 +- 0.15, gyroscopic, sleep" in summary
+    assert response.prediction.physics_summary == (
+        "implicit, dt 0.0041667 s, gravity (0, 0, -9.81) m/s^2, friction 0.25 +- 0.12, "
+        "restitution 0.25 +- 0.15, rolling friction 0.1 mm, gyroscopic, sleep"
+    )
 
 
 def test_the_explicit_step_computes_what_rests(predict):

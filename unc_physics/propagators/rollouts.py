@@ -44,9 +44,8 @@ def recorded_rollouts(carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[A
     if scene.integrator == "explicit":
         found = _explicit_rollouts(carry, scene, [mark.steps for mark in marks])
     else:
-        found = recorded_contacts(
-            carry.states, carry.contact_history, scene, carry.parameters, carry.step, marks
-        )
+        z = carry.parameters if scene.uncertain else np.zeros((len(carry.states), 0))
+        found = recorded_contacts(carry.states, carry.contact_history, scene, z, carry.step, marks)
     return [
         carry._replace(states=states, contact_history=history, step=mark.fraction_of(scene.dt))
         for mark, (states, history) in zip(marks, found, strict=True)
