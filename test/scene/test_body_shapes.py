@@ -30,6 +30,7 @@ def few_spheres(monkeypatch, tmp_path):
     monkeypatch.setattr(primitive_models, "SPHERES", 60)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     primitive_models._packed.cache_clear()
+    primitive_models._primitive.cache_clear()
     made, pack = [], packing.pack_solid
 
     def packed(*given, **options):
@@ -39,6 +40,7 @@ def few_spheres(monkeypatch, tmp_path):
     monkeypatch.setattr(packing, "pack_solid", packed)
     yield made
     primitive_models._packed.cache_clear()
+    primitive_models._primitive.cache_clear()
 
 
 @pytest.mark.parametrize("origin", ["center_of_mass", "model"])

@@ -71,7 +71,7 @@ def primitive_model(shape: str, **size) -> SpherePacking:
             lengths.append(positive(value, place, InvalidModelError))
             if lengths[-1] > FARTHEST:
                 raise InvalidModelError(f"must be at most {FARTHEST:g} m", field=place, value=value)
-    return ball(lengths[0]) if shape == "sphere" else _primitive(shape, tuple(lengths))
+    return ball(lengths[0]) if shape == "sphere" else _primitive(shape, tuple(lengths), SPHERES)
 
 
 def primitive_pieces(shape: str, lengths: Sequence[float]) -> tuple[Hull | Lathe, ...]:
@@ -119,6 +119,11 @@ class PrimitiveModel(SpherePacking):
     def __len__(self):
         return self._count or super().__len__()
 
+    @property
+    def extent_loss(self):
+        assert len(self.radii)  # asks for the spheres
+        return super().extent_loss
+
     def _first(self, k):
         return _primitive(self.name, self._lengths, k) if self._lengths else super()._first(k)
 
@@ -134,7 +139,7 @@ _OF_SPHERES = ("centers", "radii", "surface_gap", "measured_spheres", "extent_lo
 
 
 @functools.lru_cache(maxsize=256)
-def _primitive(shape, lengths, count=SPHERES):
+def _primitive(shape, lengths, count):
     """Return the model of a box, cylinder or capsule with sizes in the order of `SIZES`."""
     (piece,) = pieces = primitive_pieces(shape, lengths)
     volume, _, inertia = mass_properties(pieces)
