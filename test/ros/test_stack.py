@@ -91,17 +91,19 @@ def test_in_the_executor_of_others(robot, client, monkeypatch):
 class Processors:
     """In place of the function that computes a part of a request's rollouts: who is computed at a time.
 
-    ``together`` parts, the first ones or the first of each request, wait for each other. Requests are told by
-    their steps [s].
+    Two parts, the first ones or the first of each request, wait for each other. Requests are told by
+    their steps [s]; other steps, as the one without a length that finds overlaps, are nobody's.
     """
 
-    def __init__(self, together, each):
+    def __init__(self, steps, each):
         self._advance, self._each, self._lock = rollouts.advance, each, threading.Lock()
-        self._barrier = threading.Barrier(together, timeout=ANSWER_TIMEOUT)
-        self._begun, self._running = [], 0
+        self._barrier = threading.Barrier(2, timeout=ANSWER_TIMEOUT)
+        self._steps, self._begun, self._running = steps, [], 0
         self.most = 0
 
     def __call__(self, states, first_time, memory, world, *others):
+        if world.dt not in self._steps:
+            return self._advance(states, first_time, memory, world, *others)
         with self._lock:
             self._running += 1
             self.most = max(self.most, self._running)
@@ -122,7 +124,8 @@ def test_a_request_has_two_threads_alone_and_two_requests_have_one_each(robot, c
         for dt in (0.004, 0.005)
     ]
     for asked in (requests[:1], requests):
-        monkeypatch.setattr(rollouts, "advance", processors := Processors(2, each=len(asked) == 2))
+        steps = [request.physics.dt for request in asked]
+        monkeypatch.setattr(rollouts, "advance", processors := Processors(steps, each=len(asked) == 2))
         waiting = [
             client.start(Predict, "/robot_1/unc_physics/predict", Predict.Request(request=request))
             for request in asked
