@@ -12,7 +12,7 @@ import unc_physics
 from numba.core.dispatcher import Dispatcher
 from unc_physics.compiler.tuned.kernel_stamp import stamp
 
-for part in ("collision", "dynamics", "initialization", "spatial", "propagators", "shapes"):
+for part in ("physics", "spatial", "propagators", "shapes"):
     folder = importlib.import_module(f"unc_physics.{part}")
     for module in pkgutil.walk_packages(folder.__path__, folder.__name__ + "."):
         for name, value in sorted(vars(importlib.import_module(module.name)).items()):
