@@ -280,19 +280,17 @@ def _candidates(a, b, far, dt, slack, Y, solids, old, first, had, search, count)
         n = unit(
             plus(minus(three(solids.spots, pb, WHERE), three(solids.spots, pa, WHERE)), (1e-12, 0.0, 0.0))
         )
-        sure, most = gap, reach
+        sure = gap
         if gap <= reach:
             count[SEARCHES] += 1
             parted = three(L, k, L_PARTED)
             if pieces[pa, KIND] == HALF_SPACE:
                 gap, n, _, _ = above_half_space(pa, pb, base, Y, pieces, solids.rows)
                 reach = min(reach, dt * (max(-dot(u, n), 0.0) + more) + slack)
-                sure, most = gap, reach
-            elif dot(parted, parted) > 0.0:
-                along = gap_along(pa, pb, parted, base, Y, pieces, solids.rows)
-                if along > gap:
-                    sure, most = along, min(reach, dt * (max(-dot(u, parted), 0.0) + more) + slack)
-        if sure > most:
+                sure = gap
+            elif dot(parted, parted) > 0.0:  # no bound of the speed: what has no memory of it finds the same
+                sure = max(gap, gap_along(pa, pb, parted, base, Y, pieces, solids.rows))
+        if sure > reach:
             low = min(low, sure)
             L[k, L_CLEAR] = travel + sure
             continue
