@@ -21,6 +21,7 @@ from scenes import position_of
 from shape_msgs.msg import Plane, SolidPrimitive
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
+from unc_physics import load_model
 from unc_physics.checks.errors import ErrorCode, InvalidRequestError
 from unc_physics.ros import Client as PythonClient
 from unc_physics.ros import make_message, poses_of
@@ -41,7 +42,7 @@ from unc_physics_msgs.srv import Fork, Reset, SetEnvironment
 ROOT = Path(__file__).resolve().parents[2]
 G, PERIOD, STD, TURN_STD = 9.81, 1.0 / 30.0, 0.002, 0.02
 HORIZONS = [0.1, 0.4]
-MODELS = {"box": "salt_box", "left/1": "can", "right": "can", "ghost": "no_such_model"}
+MODELS = {"box": "salt_box", "left/1": "can", "right": "can", "dish": "plate", "ghost": "no_such_model"}
 UNKNOWN_MODEL = "model is unknown"
 
 
@@ -478,22 +479,22 @@ def test_the_start_warns_about_what_cannot_be_tracked(node):
 
 
 def test_an_object_that_becomes_invalid_is_dropped_with_its_reason(camera, listener):
-    """The box has too many spheres when another environment needs another tracker."""
+    """The plate has too many spheres when another environment needs another tracker."""
     stand(camera)
-    camera.see(6 * PERIOD, "left/1", (1.0, 0.0, 0.0))
+    camera.see(6 * PERIOD, "dish", (1.0, 0.0, 0.0))
     floor = EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
     before = listener.call(
         GetParameters, "/tracker/get_parameters", GetParameters.Request(names=["max_spheres"])
     )
-    set_parameter(listener, "max_spheres", 850)
+    set_parameter(listener, "max_spheres", most := len(load_model("salt_box")))
     try:
         request = SetEnvironment.Request(environment=Environment(elements=[floor]))
         assert not listener.call(SetEnvironment, "/tracker/set_environment", request).result.error_code
-        message = camera.see(7 * PERIOD, "left/1", (1.0, 0.0, 0.0))
+        message = camera.see(7 * PERIOD, "box", (0.0, 0.0, 0.0))
         (skipped,) = message.skipped
-        assert skipped.key == "box" and "at most 850" in skipped.value
-        assert [own.id for own in message.objects] == ["left/1"]
-        assert not camera.see(8 * PERIOD, "left/1", (1.0, 0.0, 0.0)).skipped
+        assert skipped.key == "dish" and f"at most {most}" in skipped.value
+        assert [own.id for own in message.objects] == ["box"]
+        assert not camera.see(8 * PERIOD, "box", (0.0, 0.0, 0.0)).skipped
     finally:
         set_parameter(listener, "max_spheres", before.values[0].integer_value)
 

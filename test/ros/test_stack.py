@@ -69,14 +69,15 @@ def two_threads(context):
 
 
 def test_in_the_executor_of_others(robot, client, monkeypatch):
-    name, advance, go = "robot_1/unc_physics", rollouts.advance, threading.Event()
+    """A request waits in its own thread; those of the rollouts are shared by all requests."""
+    name, predict, go = "robot_1/unc_physics", robot.server.predict, threading.Event()
 
-    def held(states, first_time, memory, world, *others):
-        if world.dt == slow.physics.dt:
+    def held(job, *others):
+        if job.scene.dt == slow.physics.dt:
             go.wait()
-        return advance(states, first_time, memory, world, *others)
+        return predict(job, *others)
 
-    monkeypatch.setattr(rollouts, "advance", held)
+    monkeypatch.setattr(robot.server, "predict", held)
     slow = with_physics(good_request(propagator="monte_carlo"), dt=0.005)
     waiting = client.start(Predict, f"/{name}/predict", Predict.Request(request=slow))
     try:
