@@ -27,7 +27,6 @@ _NUMBER, _SHORT = 8, 4  # bytes of a double and of a single
 _COPIES = 2  # of the rollouts' memory: each piece of a prediction begins with a copy
 _MATRICES = 4  # as large as the joint covariance, while a belief is made of states
 _PAIR = 150  # bytes of each pair of things in a rollout's workspace
-_REMEMBERED = 32  # bytes of a contact that a rollout remembers
 
 
 def periodic_times(scene: Scene, period: float, horizon: float, field: str = "period") -> list[float]:
