@@ -344,8 +344,8 @@ def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark) -> Sn
     belief = propagator.belief(carry, scene)
     mean = with_kinematic(scene, belief.mean, time)  # the paths of prescribed bodies
     if mean is not belief.mean:
-        belief = Belief.trusted(mean, belief.covariance, belief.moving)
-    if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
+        belief = belief.with_mean(mean)
+    if not (np.isfinite(belief.mean).all() and np.isfinite(belief.blocks).all()):
         raise DivergedError(
             f"diverged within {time:.6g} s; a smaller dt or stiffness may help", field="prediction"
         )

@@ -28,7 +28,7 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..spatial.moments import mean_and_errors, pose_spreads, second_moment
+from ..spatial.moments import mean_and_errors, pose_spreads
 from ..spatial.rotation import left_jacobian, rotation_matrix
 from .conservation_checks import conserves_energy
 from .prediction_data import PredictionData
@@ -130,7 +130,7 @@ class Evidence:
         if self.compared is None:
             return None
         mean, errors = mean_and_errors(np.ascontiguousarray(self.compared), self.scene.moving.copy())
-        return mean, pose_spreads(Belief.trusted(mean, second_moment(errors), self.scene.moving).blocks)
+        return mean, pose_spreads(Belief.of_errors(mean, errors, self.scene.moving).blocks)
 
     @cached_property
     def spread_factors(self) -> np.ndarray | None:

@@ -84,6 +84,10 @@ def _stay_apart(scene, belief, horizon):
         return False
     times = np.linspace(0.0, horizon, _TIMES)
     radius = np.array([body.model.bounding_radius for body in scene.bodies])
+    spreads = [
+        np.sqrt(np.linalg.eigvalsh(belief.blocks[:, part, part])[:, -1].clip(0.0))
+        for part in (ERR_POSITION, ERR_VELOCITY)
+    ]
     places, margins = [], []
     for k in range(len(scene.bodies)):
         position, velocity = belief.mean[k, POSITION], belief.mean[k, VELOCITY]
@@ -92,14 +96,11 @@ def _stay_apart(scene, belief, horizon):
             margins.append(np.full(_TIMES, radius[k]))
             continue
         path = position + times[:, None] * velocity + 0.5 * times[:, None] ** 2 * scene.gravity
-        P = belief.marginal(k)
-        spreads = [
-            np.sqrt(np.linalg.eigvalsh(P[part, part])[-1].clip(0.0)) for part in (ERR_POSITION, ERR_VELOCITY)
-        ]
+        own = np.searchsorted(belief.moving, k)
         fastest = np.linalg.norm(velocity) + horizon * np.linalg.norm(scene.gravity)
         between = 0.5 * fastest * times[1]
         places.append(path)
-        margins.append(radius[k] + _FAR * (spreads[0] + times * spreads[1]) + between)
+        margins.append(radius[k] + _FAR * (spreads[0][own] + times * spreads[1][own]) + between)
     for k in scene.moving.tolist():
         for element in scene.environment:
             if (element.surface(places[k])[0] <= margins[k]).any():

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..scene.belief import Belief
 from ..spatial.layout import ERROR
-from ..spatial.moments import spread_states
 from .monte_carlo import MonteCarlo
 from .sobol import normal_points
 
@@ -33,9 +32,7 @@ class BalancedMonteCarlo(MonteCarlo):
         """
         if scene.overlap == "reject" or count < 2:
             return super().drawn(scene, belief, count)
-        root = belief.root()
-        z = _balanced(normal_points(count, root.shape[1], self.seed))
-        return spread_states(belief.mean.copy(), belief.moving.copy(), np.einsum("nr,kr->nk", z, root))
+        return belief.states_along(_balanced(normal_points(count, belief.rank, self.seed)))
 
 
 #: Factor on the spread of states and parameters in `WideMonteCarlo`.

@@ -14,7 +14,7 @@ from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
 from ..scene.physics_keys import INTEGRATORS
 from ..scene.scene import UNCERTAIN_PARAMETERS, Scene
-from ..spatial.moments import mean_and_errors, second_moment
+from ..spatial.moments import mean_and_errors
 from .base import SAMPLES_LIMIT, Rollouts, Samples, Supports, Traits
 from .options import option
 from .rollouts import SimulatedRollouts
@@ -85,7 +85,7 @@ class MonteCarlo(SimulatedRollouts, Samples, Rollouts):
 
     def belief(self, carry, scene):
         mean, errors = mean_and_errors(self.own_samples(carry, scene), scene.moving.copy())
-        return Belief.trusted(mean, second_moment(errors), scene.moving)
+        return Belief.of_errors(mean, errors, scene.moving)
 
     @property
     def own_sample_count(self):

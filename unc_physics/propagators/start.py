@@ -27,7 +27,7 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
-from ..spatial.rotation import conjugate, log, multiply, rotate_vectors, rotation_matrix
+from ..spatial.rotation import conjugate, log, multiply, rotate_vectors, rotation_matrices, rotation_matrix
 
 #: Overlap that is tolerated, about that of a loaded contact [m].
 OVERLAP_TOLERANCE = 5e-5
@@ -135,14 +135,15 @@ class _Metric(NamedTuple):
 
     Attributes
     ----------
-    covariance : (M, 12, M, 12) float64
-        Covariance of the error states of the M moving bodies.
-    place : (B,) int64
-        Index of each body among the M; -1 if it does not move.
+    first, second : (n,) int64
+        Pairs of bodies: each moving body with itself, and with others if they are not independent.
+    covariance : (n, 12, 12) float64
+        Covariance of the error states of these pairs.
     """
 
+    first: np.ndarray
+    second: np.ndarray
     covariance: np.ndarray
-    place: np.ndarray
 
 
 class _Resolution:
@@ -207,7 +208,7 @@ class _Resolution:
             first[:] = np.inf
         sample, body = np.nonzero(start.partner)
         self.kept[sample, body, start.partner[sample, body].astype(int) - 1] = start.kept[sample, body]
-        for k in np.flatnonzero(metric.moves):
+        for k in np.flatnonzero(metric.moves & (drawn != self._states).any(axis=(0, 2))):
             moved = _mahalanobis(drawn[:, k], self._states[:, k], metric.covariance[k, k])
             start.moved[:, k] = np.maximum(start.moved[:, k], moved)
 
@@ -270,19 +271,19 @@ class _Resolution:
 
     def _mobility(self, held):
         """Return the metric of `physics.everyday.start`, with some bodies ``held`` (B,)."""
-        bodies, given = self._scene.bodies, self._metric
-        covariance, velocity = np.zeros((2, len(bodies), len(bodies), 6, 6))
-        moves = np.array([body.free for body in bodies]) & ~held & (given.place >= 0)
+        count, given = len(self._scene.bodies), self._metric
+        covariance, velocity = np.zeros((2, count, count, 6, 6))
+        moves = np.array([body.free for body in self._scene.bodies]) & ~held
+        some = moves[given.first] & moves[given.second]
+        i, j, both = given.first[some], given.second[some], given.covariance[some]
         pose, speeds = np.r_[ERR_POSITION, ERR_ROTATION], np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]
-        for i in np.flatnonzero(moves):
-            for j in np.flatnonzero(moves):
-                both = given.covariance[given.place[i]][:, given.place[j]]
-                velocity[i, j] = both[np.ix_(speeds, speeds)]
-                block = both[np.ix_(pose, pose)].copy()
-                block[3:] = rotation_matrix(self._belief.mean[i, QUATERNION]) @ block[3:]
-                block[:, 3:] = block[:, 3:] @ rotation_matrix(self._belief.mean[j, QUATERNION]).T
-                covariance[i, j] = block
-        joint = any(covariance[i, j].any() for i in range(len(bodies)) for j in range(i))
+        velocity[i, j] = both[:, speeds[:, None], speeds]
+        R = rotation_matrices(self._belief.mean[:, QUATERNION])
+        block = both[:, pose[:, None], pose]
+        block[:, 3:] = R[i] @ block[:, 3:]
+        block[:, :, 3:] = block[:, :, 3:] @ R[j].transpose(0, 2, 1)
+        covariance[i, j] = block
+        joint = bool(block[i != j].any())
         mean = np.concatenate(
             [self._belief.mean[:, VELOCITY], self._belief.mean[:, ANGULAR_VELOCITY]], axis=1
         )
@@ -319,22 +320,26 @@ def _resting(scene):
 def _metric(scene, belief):
     """Return the covariance of possible poses: the belief's, with bodies at rest set free."""
     count = len(belief.moving)
-    P = np.array(belief.joint).reshape(count, ERROR, count, ERROR)
-    _free_resting(scene, belief, P)
-    place = np.full(len(scene.bodies), -1)
-    place[belief.moving] = np.arange(count)
-    return _Metric(P, place)
+    own = np.arange(count)
+    if belief.independent:
+        first, second, P = own, own, belief.covariance.copy()
+    else:
+        first, second = (places.ravel() for places in np.indices((count, count)))
+        P = belief.joint.reshape(count, ERROR, count, ERROR)[first, :, second]
+        own = own * (count + 1)
+    _free_resting(scene, belief, P, own)
+    return _Metric(belief.moving[first], belief.moving[second], P)
 
 
-def _free_resting(scene, belief, P):
-    """Add variances to a covariance ``P`` by which bodies at rest can move up and tilt."""
-    for k, body in enumerate(belief.moving):
+def _free_resting(scene, belief, P, own):
+    """Add variances by which bodies at rest can move up and tilt; bodies' blocks of ``P`` are at ``own``."""
+    for k, body in zip(own, belief.moving, strict=True):
         if scene.bodies[body].at_rest:
             down, flat = _down(scene)
             up = np.outer(down, down)
             R = rotation_matrix(belief.mean[body, QUATERNION])
-            P[k, ERR_POSITION, k, ERR_POSITION] += _LEAST_STD**2 * up
-            P[k, ERR_ROTATION, k, ERR_ROTATION] += _LEAST_TILT**2 * R.T @ flat @ R
+            P[k, ERR_POSITION, ERR_POSITION] += _LEAST_STD**2 * up
+            P[k, ERR_ROTATION, ERR_ROTATION] += _LEAST_TILT**2 * R.T @ flat @ R
 
 
 def _down(scene):

@@ -26,13 +26,15 @@ from ..spatial.layout import (
     STATE,
     VELOCITY,
 )
-from ..spatial.moments import pivoted_cholesky, spread_states
+from ..spatial.moments import pivoted_cholesky, second_moment, spread_states
 from ..spatial.rotation import rotation_matrix
 from .body_belief import BodyBelief
 from .scene import Scene
 
 #: Variance below which a direction counts as certain, over the largest variance of its scale.
 RANK_TOLERANCE = 1e-14
+#: Independent bodies from which on blocks are factored by themselves: fewer take less time together.
+_MANY = 16
 _ROUND_OFF = 1e-10  # share of a coordinate's own variance that a factor of larger scale leaves by round-off
 
 
@@ -93,6 +95,39 @@ class Belief:
         """Return a belief that takes over arrays of a propagator without checking them."""
         belief = object.__new__(cls)
         belief._store(mean, P, moving)
+        return belief
+
+    @classmethod
+    def of_errors(cls, mean: np.ndarray, errors: np.ndarray, moving: np.ndarray) -> Belief:
+        """Return the belief with the second moments of equally probable errors (N, 12 M) about a mean.
+
+        Blocks of single bodies are computed at once, the joint covariance when it is first used.
+        """
+        belief = object.__new__(cls)
+        parts = errors.reshape(len(errors), len(moving), ERROR)
+        blocks = [second_moment(np.ascontiguousarray(parts[:, k])) for k in range(len(moving))]
+        values = {"mean": mean, "moving": moving, "blocks": np.array(blocks).reshape(-1, ERROR, ERROR)}
+        for field, value in values.items():
+            value.flags.writeable = False
+            object.__setattr__(belief, field, value)
+        object.__setattr__(belief, "_errors", errors)
+        return belief
+
+    def __getattr__(self, name):
+        if name != "covariance" or "_errors" not in self.__dict__:
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+        _require_joint_memory(len(self.moving))
+        P = second_moment(self.__dict__["_errors"])
+        P.flags.writeable = False
+        object.__setattr__(self, "covariance", P)
+        return P
+
+    def with_mean(self, mean: np.ndarray) -> Belief:
+        """Return the belief with another mean (B, 13), which is not checked."""
+        belief = object.__new__(type(self))
+        belief.__dict__.update(self.__dict__)
+        mean.flags.writeable = False
+        object.__setattr__(belief, "mean", mean)
         return belief
 
     @classmethod
@@ -216,7 +251,7 @@ class Belief:
     @property
     def independent(self) -> bool:
         """Whether the covariance is stored as one block for each body."""
-        return self.covariance.ndim == 3
+        return "_errors" not in self.__dict__ and self.covariance.ndim == 3
 
     @cached_property
     def joint(self) -> np.ndarray:
@@ -224,9 +259,7 @@ class Belief:
         if not self.independent:
             return self.covariance
         count = len(self.covariance)
-        require_memory(
-            8.0 * (ERROR * count) ** 2, "a joint covariance of all", "the number of moving bodies", count
-        )
+        _require_joint_memory(count)
         joint = np.zeros((count, ERROR, count, ERROR))
         joint[np.arange(count), :, np.arange(count), :] = self.covariance
         return joint.reshape(count * ERROR, count * ERROR)
@@ -265,12 +298,76 @@ class Belief:
 
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw states (count, B, 13) from the belief; the first k are the same for every larger count."""
-        root = self.root()
-        entries = sum(root.shape) + 3 * self.mean.size
-        require_memory(8.0 * count * entries, f"{count} draws", "count", count)
-        # einsum sums each row in a fixed order; BLAS would depend on the count and on threads
-        errors = np.einsum("nr,kr->nk", rng.standard_normal((count, root.shape[1])), root)
+        require_memory(8.0 * count * (4 * self.mean.size + self.rank), f"{count} draws", "count", count)
+        return self.states_along(rng.standard_normal((count, self.rank)))
+
+    @cached_property
+    def _factor(self):
+        """Factor of the covariance: `root`, and None; or `_block_roots` of many independent bodies."""
+        if self.independent and len(self.moving) > _MANY:
+            return self._block_roots()
+        return self.root(), None
+
+    @property
+    def rank(self) -> int:
+        """Rank of the joint covariance, the number of columns of `root`."""
+        root, columns = self._factor
+        return root.shape[1] if columns is None else int(columns.max(initial=-1)) + 1
+
+    def states_along(self, z: np.ndarray) -> np.ndarray:
+        """Return the states (N, B, 13) at ``z`` (N, rank) standard deviations along the columns of `root`."""
+        root, columns = self._factor
+        if columns is None:
+            # einsum sums each row in a fixed order; BLAS would depend on the count and on threads
+            errors = np.einsum("nr,kr->nk", z, root)
+        else:
+            z = np.concatenate(
+                [z, np.zeros((len(z), 1))], axis=1
+            )  # of the columns that a block does not have
+            parts = np.zeros((len(z), *root.shape[:2]))
+            for r, column in enumerate(columns.T):
+                parts += z[:, column, None] * root[:, :, r]
+            errors = parts.reshape(len(z), -1)
         return spread_states(self.mean.copy(), self.moving.copy(), errors)
+
+    def _block_roots(self):
+        """Return the factors (M, 12, R) of each block, and which columns of `root` theirs are, (M, R), or -1.
+
+        In these columns, other bodies are zero.
+        """
+        rest, left = self.covariance.copy(), np.ones((len(self.moving), ERROR), bool)
+        variance = np.einsum("mii->mi", self.covariance)
+        least = np.maximum(_ROUND_OFF * variance, RANK_TOLERANCE**2 * variance.max(initial=0.0))
+        roots, columns, known = [], [], 0
+        rows = np.arange(len(rest))
+        while left.any():  # smaller scales after the others, as in `root`
+            rest *= left[:, :, None] & left[:, None, :]
+            limit = RANK_TOLERANCE * np.einsum("mii->mi", rest).max(initial=0.0)
+            pivots = []
+            for _ in range(ERROR):
+                diagonal = np.einsum("mii->mi", rest)
+                pivot = diagonal.argmax(axis=1)
+                values = diagonal[rows, pivot].copy()
+                used = values > limit
+                if not used.any():
+                    break
+                column = rest[rows, :, pivot] / np.sqrt(np.where(used, values, np.inf))[:, None]
+                rest -= column[:, :, None] * column[:, None, :]
+                rest[rows[used], pivot[used]] = rest[rows[used], :, pivot[used]] = 0.0
+                roots.append(column)
+                pivots.append((np.where(used, values, -np.inf), ERROR * rows + pivot))
+            if not pivots:
+                break
+            values, places = (np.array(part) for part in zip(*pivots, strict=True))
+            order = np.lexsort((places.ravel(), -np.minimum.accumulate(values).ravel()))
+            number = np.empty(values.size, int)
+            number[order] = known + np.arange(values.size)
+            columns.append(np.where(np.isfinite(values), number.reshape(values.shape), -1))
+            known += int(np.isfinite(values).sum())
+            left = np.einsum("mii->mi", rest) > least
+        if not roots:
+            return np.zeros((len(rest), ERROR, 0)), np.zeros((len(rest), 0), int)
+        return np.stack(roots, axis=2), np.concatenate(columns).T
 
     def check_fits(self, scene: Scene) -> None:
         """Raise `InvalidRequestError` unless the belief fits the bodies of ``scene``.
@@ -296,6 +393,12 @@ class Belief:
                         field=f"{name} of body '{body.name}'",
                         value=state[place].tolist(),
                     )
+
+
+def _require_joint_memory(count):
+    require_memory(
+        8.0 * (ERROR * count) ** 2, "a joint covariance of all", "the number of moving bodies", count
+    )
 
 
 def _ascending_indices(values, count):
