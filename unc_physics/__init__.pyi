@@ -32,6 +32,8 @@ from .prediction.rank import RankedAction as RankedAction
 from .prediction.rank import Ranking as Ranking
 from .prediction.rank import rank as rank
 from .prediction.regions import BoxRegion as BoxRegion
+from .prediction.rollouts import RolloutStates as RolloutStates
+from .prediction.rollouts import rollouts as rollouts
 from .prediction.snapshot import ContactTime as ContactTime
 from .prediction.snapshot import Probability as Probability
 from .prediction.snapshot import Snapshot as Snapshot

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from unc_physics import Belief, BodyBelief, RigidBody, Scene, predict, primitive_model
+from unc_physics.prediction import request_checks
+from unc_physics.prediction.request_checks import check_memory
 from unc_physics.propagators.monte_carlo import MonteCarlo
 from unc_physics.spatial.moments import mean_and_errors, second_moment, spread_states
 
@@ -70,3 +72,13 @@ def test_the_joint_covariance_of_samples_is_computed_when_it_is_used():
     for one in (belief, other, belief.with_mean(mean)):
         np.testing.assert_array_equal(one.joint, expected)
         np.testing.assert_array_equal(one.marginal(3), expected[36:48, 36:48])
+
+
+def test_samples_need_no_memory_for_joint_covariances(monkeypatch):
+    cube = primitive_model("box", size=[0.04, 0.04, 0.04])
+    needed, count, times = [], 200, 10
+    monkeypatch.setattr(request_checks, "require_memory", lambda size, *_: needed.append(size))
+    scene = Scene([RigidBody(f"cube{k}", cube, 0.1) for k in range(count)])
+    belief = Belief.exact(np.tile(np.eye(13)[9], (count, 1)))
+    check_memory(scene, belief, MonteCarlo(samples=2), times)
+    assert needed[0] < 0.05 * times * 8.0 * (12 * count) ** 2  # of joint covariances, in bytes

@@ -161,20 +161,28 @@ def _checked_mark(scene, value, field):
     return mark
 
 
+def rollout_bytes(scene: Scene) -> int:
+    """Return the bytes of a rollout's state at one time, with its first contacts and its contact memory."""
+    bodies = len(scene.bodies)
+    remembered = _SHORT * bodies * (bodies + len(scene.environment))
+    if scene.integrator == "implicit":
+        remembered += bodies * _NUMBER * (FIRST_ROOM * REMEMBERED + 1)
+    return remembered + _NUMBER * STATE * bodies
+
+
 def check_memory(scene: Scene, belief: Belief, propagator: Propagator, times: int) -> None:
     """Raise `LimitExceededError` if a prediction of so many ``times`` exceeds the memory."""
     bodies, things = len(scene.bodies), len(scene.bodies) + len(scene.environment)
     own = isinstance(propagator, Samples)
     rollouts = propagator.own_sample_count if own else propagator.most_rollouts(scene, belief)
     state = _NUMBER * STATE * bodies
-    remembered = _SHORT * bodies * things
-    if scene.integrator == "implicit":
-        remembered += bodies * _NUMBER * (FIRST_ROOM * REMEMBERED + 1)
-    kept = remembered + state
+    kept = rollout_bytes(scene)
     errors = _NUMBER * ERROR * len(scene.moving)
     covariance = _NUMBER * (ERROR * len(scene.moving)) ** 2
+    if own and propagator.joint_when_used:
+        kept, covariance = kept + errors, covariance // max(len(scene.moving), 1)
     of_times = times * (covariance + rollouts * kept)
-    needed = rollouts * (_COPIES * (remembered + state) + 2 * errors + state)
+    needed = rollouts * (_COPIES * kept + 2 * errors + state)
     needed += _MATRICES * covariance + _PAIR * bodies * things
     what = f"{bodies} {'body' if bodies == 1 else 'bodies'} in {rollouts} rollouts, at {times} times,"
     if of_times > needed:

@@ -156,6 +156,7 @@ class Samples(ABC):
     resamples: ClassVar[bool] = False  # whether `own_samples` are made of fewer rollouts
     #: whether the belief at time 0 has the moments of random draws, and not those of the given belief
     random_moments: ClassVar[bool] = False
+    joint_when_used: ClassVar[bool] = False  # whether beliefs are `Belief.of_errors`
 
     @property
     @abstractmethod

@@ -44,7 +44,7 @@ class MonteCarlo(SimulatedRollouts, Samples, Rollouts):
     """
 
     name = "monte_carlo"
-    random_moments = True
+    random_moments = joint_when_used = True
     traits = Traits("estimated", "samples", True, False, "simulated")
     integrators = INTEGRATORS
     supports = Supports(UNCERTAIN_PARAMETERS, INTEGRATORS, impact_errors=True, overlap_rejection=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -113,14 +114,16 @@ class Belief:
         object.__setattr__(belief, "_errors", errors)
         return belief
 
-    def __getattr__(self, name):
-        if name != "covariance" or "_errors" not in self.__dict__:
-            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
-        _require_joint_memory(len(self.moving))
-        P = second_moment(self.__dict__["_errors"])
-        P.flags.writeable = False
-        object.__setattr__(self, "covariance", P)
-        return P
+    if not TYPE_CHECKING:  # type checkers know all attributes
+
+        def __getattr__(self, name):
+            if name != "covariance" or "_errors" not in self.__dict__:
+                raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+            _require_joint_memory(len(self.moving))
+            P = second_moment(self.__dict__["_errors"])
+            P.flags.writeable = False
+            object.__setattr__(self, "covariance", P)
+            return P
 
     def with_mean(self, mean: np.ndarray) -> Belief:
         """Return the belief with another mean (B, 13), which is not checked."""
