@@ -1,5 +1,8 @@
 """The command ``warm-up``: afterwards a first prediction finds all that it needs."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -19,6 +22,41 @@ def test_after_it_nothing_is_compiled(capsys):
     belief = Belief([[0.0, 0.0, 0.06, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0]], 1e-4 * np.eye(12)[None])
     with refused_compilation():
         predict(scene, belief, "sigma_points", 0.02)
+
+
+#: Prints the kernels that requests need after a warm-up which did not compile or load them.
+_UNPREPARED = """
+import sys
+from pathlib import Path
+from numba.core.dispatcher import Dispatcher
+from unc_physics import AtRest, assess, load_scene, predict
+from unc_physics.prediction.warm_up import warm_up
+
+def kernels():
+    modules = [vars(module) for name, module in sys.modules.items() if name.startswith("unc_physics")]
+    found = [value for module in list(modules) for value in list(module.values())]
+    found = [one for one in found if isinstance(one, Dispatcher)]
+    return {(one.py_func.__qualname__, str(own)) for one in found for own in one.signatures}
+
+warm_up(("auto",))
+ready = kernels()
+for path in sorted(Path("examples/scenes").glob("*.yaml")):
+    loaded = load_scene(path)
+    if loaded.scene.integrator == "implicit":
+        event = AtRest(loaded.scene.bodies[0].name)
+        prediction = predict(loaded.scene, loaded.belief, "auto", min(loaded.horizon, 0.2), events=[event])
+        assess(prediction)
+        prediction.samples(2)
+        prediction.at().at_model_origins(prediction.scene, joint=True)
+        print(path.stem)
+print("unprepared:", sorted(kernels() - ready))
+"""
+
+
+def test_requests_of_the_documentation_are_prepared():
+    found = subprocess.run([sys.executable, "-c", _UNPREPARED], capture_output=True, text=True, check=True)
+    *scenes, last = found.stdout.splitlines()
+    assert len(scenes) > 5 and last == "unprepared: []"
 
 
 def test_a_name_that_is_none(capsys):

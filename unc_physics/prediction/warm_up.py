@@ -16,14 +16,19 @@ import numpy as np
 from ..checks.validation import covariance
 from ..compiler.compile_time import CompiledKernels
 from ..propagators.registry import PROPAGATORS, make_propagator
+from ..propagators.sobol import quantile
+from ..scene.actions import PosePath
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
+from ..scene.body_belief import BodyBelief
+from ..scene.environment import Plane
 from ..scene.presets import PRESETS
 from ..scene.scene import Scene
 from ..shapes.packing_file import SpherePacking
 from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, STATE
+from ..spatial.moments import boxminus
 from ..spatial.origin import at_com, at_origin, congruent, error_map, inverse_error_map, moved
-from ..spatial.rotation import multiply
+from ..spatial.rotation import exp, multiply
 from .predict import predict
 from .status import assess
 
@@ -33,6 +38,7 @@ MODEL = "rod"
 TYPICAL_KERNELS = {"everyday": 445, "paper": 170}
 _LOOK = 0.2  # s, between reports
 _STEPS = 3
+_FLOOR = Plane((0.0, 0.0, 1.0), 0.0)
 _EVERYDAY = PRESETS["everyday"]
 
 
@@ -62,11 +68,18 @@ def warm_up(
     at_origin(mean[0], np.eye(ERROR), np.zeros(3))  # of each body in answers
     error_map(mean[0], np.zeros(3))
     congruent(np.eye(ERROR), np.eye(ERROR))  # of all bodies together
+    _FLOOR.surface(mean[:, POSITION])  # of scenes where nothing may touch
+    boxminus(mean[0], mean[1], np.empty(ERROR))  # of outcomes that split
+    exp(0.0, 0.0, 0.0)  # of uncertain paths
+    quantile(0.5)  # of outcomes that few rollouts reach
     for name in names:
         few = {"samples": 4} if name in PROPAGATORS and "samples" in PROPAGATORS[name].options() else {}
         propagator = make_propagator(name, **few)
         if scene.integrator in propagator.integrators:
             (answer or _judged)(scene, belief, propagator, _STEPS * scene.dt)
+        if scene.integrator in propagator.supports.actions and scene.integrator == "implicit":
+            actions = _scene_with_actions(scene, physics)
+            (answer or _judged)(*actions, propagator, _STEPS * scene.dt)
 
 
 def warm_up_in_processes(
@@ -102,7 +115,9 @@ def _begin_process(counter):
 
 
 def _judged(scene, belief, propagator, horizon):
-    assess(predict(scene, belief, propagator, horizon))
+    prediction = predict(scene, belief, propagator, horizon)
+    assess(prediction)
+    prediction.samples(2)
 
 
 def _scene(physics):
@@ -116,3 +131,21 @@ def _scene(physics):
     if physics.get("integrator") == "implicit" and gravity is not None and any(gravity):
         first = replace(first, at_rest=True)
     return Scene([first, second, RigidBody("floor", model, fixed=True)], **physics)
+
+
+def _scene_with_actions(scene, physics):
+    """Return a scene of rods over a floor, and the belief: one lies, one flies, and one is carried."""
+    model, dt = scene.bodies[0].model, scene.dt
+    path = PosePath(times=np.arange(2) * dt, positions=np.array([[4.0, 0.0, 1.0], [4.0, 0.0, 1.001]]))
+    bodies = [
+        RigidBody("lies", model, 1.0),
+        RigidBody("flies", model, 1.0),
+        RigidBody("hand", model, trajectory=path),
+        RigidBody("held", model, 1.0, attached_to="hand", released_at=2.0 * dt),
+    ]
+    known: dict[str, Any] = {"position_std": 0.001, "orientation_std": 0.01, "linear_velocity_std": 0.01}
+    heights = {"lies": (0.0, 0.011), "flies": (2.0, 1.0), "held": (4.0, 1.025)}
+    beliefs = {name: BodyBelief(position=[x, 0.0, z], **known) for name, (x, z) in heights.items()}
+    given = {**physics, "overlap": None, "stiffness": None, "gravity": scene.gravity}
+    scene = Scene(bodies, environment=[_FLOOR], **given)
+    return scene, Belief.of(scene, beliefs)
