@@ -157,9 +157,11 @@ class _Resolution:
         Remaining overlap [m].
     """
 
-    def __init__(self, scene: Scene, belief: Belief, states: np.ndarray, metric: _Metric | None = None):
+    def __init__(self, scene: Scene, belief: Belief, states: np.ndarray, like: _Resolution | None = None):
         self._scene, self._belief, self._states = scene, belief, states
-        self._metric = _metric(scene, belief) if metric is None else metric
+        self._metric: _Metric = _metric(scene, belief) if like is None else like._metric
+        #: by which bodies are held; shared with ``like``, which is about the same scene and belief
+        self._mobilities: dict[bytes, Any] = {} if like is None else like._mobilities
         self.history: Any = fresh_history(scene, len(states))
         self.kept = np.zeros(self.history.first_time.shape, np.float32)
 
@@ -170,7 +172,7 @@ class _Resolution:
 
     def of_mean(self) -> _Resolution:
         """Return the resolution of the belief's mean, which is moved out of overlap."""
-        mean = _Resolution(self._scene, self._belief, self._belief.mean[None].copy(), self._metric)
+        mean = _Resolution(self._scene, self._belief, self._belief.mean[None].copy(), self)
         mean.project(self._nowhere())
         return mean
 
@@ -222,7 +224,7 @@ class _Resolution:
         scene, states, start = self._scene, self._states, self.history.start
         down, flat = _down(scene)
         metric = self._mobility(~resting)
-        metric.covariance[:] = 0.0
+        metric = metric._replace(covariance=np.zeros_like(metric.covariance))
         for k, body in enumerate(scene.bodies):
             if resting[k]:
                 metric.covariance[k, k, :3, :3] = np.outer(down, down)
@@ -271,6 +273,9 @@ class _Resolution:
 
     def _mobility(self, held):
         """Return the metric of `physics.everyday.start`, with some bodies ``held`` (B,)."""
+        known = self._mobilities.get(held.tobytes())
+        if known is not None:
+            return known
         count, given = len(self._scene.bodies), self._metric
         covariance, velocity = np.zeros((2, count, count, 6, 6))
         moves = np.array([body.free for body in self._scene.bodies]) & ~held
@@ -287,7 +292,9 @@ class _Resolution:
         mean = np.concatenate(
             [self._belief.mean[:, VELOCITY], self._belief.mean[:, ANGULAR_VELOCITY]], axis=1
         )
-        return start_of_steps.Mobility(covariance, velocity, mean, moves, joint)
+        found = start_of_steps.Mobility(covariance, velocity, mean, moves, joint)
+        self._mobilities[held.tobytes()] = found
+        return found
 
 
 def _mahalanobis(before, after, covariance):
