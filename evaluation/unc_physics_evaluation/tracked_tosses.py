@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from unc_physics.calibration.adjustable import chosen
+from unc_physics.calibration.adjustable import FITTABLE, chosen
 from unc_physics.calibration.calibrate import with_noise
 from unc_physics.calibration.contact_noise import NoiseCalibration, calibrate_contact_noise
 from unc_physics.calibration.flight import flight_frames
@@ -349,17 +349,9 @@ def _density(belief, pose, noise):
     return -0.5 * (square + np.linalg.slogdet(2.0 * np.pi * S)[1]), square
 
 
-#: Parameters that are fitted, and the tosses, in the order of `evaluate tracking`.
-_FITTED = (
-    "friction",
-    "restitution",
-    "impact_friction_speed",
-    "inertia",
-    "height",
-    "impact_direction_std",
-    "impact_point_std",
-    "impact_friction_std",
-)
+#: Number of the first parameters of `FITTABLE` that are fitted: those of means and of errors of impacts.
+_FITTED = FITTABLE.index("friction_std")
+#: The tosses to which they are fitted, in the order of `evaluate tracking`.
 _OTHERS = slice(80, 120)
 
 
@@ -370,7 +362,7 @@ def fit(samples: int = 8, models: int = 110) -> tuple[dict[str, float], NoiseCal
     motions = [tosses.motion(k, _level()) for k in order[_OTHERS]]
     scene = tracked_scene(tosses)
     found = recorded(motions, scene)
-    before, adjusted = with_noise(scene, found), chosen(scene, _FITTED)
+    before, adjusted = with_noise(scene, found), chosen(scene, FITTABLE[:_FITTED])
     posterior = Posterior(Objective(found, samples, 0), before, adjusted, lambda score: None, len(found))
     search = ParameterSearch(posterior)
     search.approach()

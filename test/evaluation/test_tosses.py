@@ -11,7 +11,6 @@ from unc_physics_evaluation.engines import PEERS
 from unc_physics_evaluation.recorded_engines import RecordedEngine
 from unc_physics_evaluation.recorded_tosses import (
     FLOOR,
-    FOLDER,
     FRICTION,
     GRAVITY,
     RESTITUTION,
@@ -24,12 +23,6 @@ from unc_physics_evaluation.scores import bootstrap, brier_score
 
 TOSSES = recorded_tosses()
 DT = toss_scene(TOSSES).dt
-
-
-def test_the_data_come_with_their_licence_and_source():
-    assert "BSD 3-Clause" in (FOLDER / "LICENSE").read_text()
-    assert "ContactNets" in (FOLDER / "README.md").read_text()
-    assert len(TOSSES.states) == 285 and sum(map(len, TOSSES.states)) == 29521
 
 
 def test_scores_of_certain_and_of_uniform_predictions():

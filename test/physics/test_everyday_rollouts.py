@@ -23,7 +23,7 @@ from unc_physics import (
     predict,
     primitive_model,
 )
-from unc_physics.checks.errors import DivergedError, InvalidOptionError, NotSupportedError
+from unc_physics.checks.errors import DivergedError, NotSupportedError
 from unc_physics.physics import contact_history as histories
 from unc_physics.physics.everyday.columns import BODY_A, BODY_B
 
@@ -258,12 +258,6 @@ def test_an_uncertain_mass_changes_no_motion_before_contacts():
     assert np.ptp(p.carry.parameters) > 0.1
     flown = p.samples(time=0.2)
     np.testing.assert_allclose(flown, np.broadcast_to(flown[:1], flown.shape), rtol=0, atol=1e-9)
-
-
-def test_a_stiffness_is_refused():
-    with pytest.raises(InvalidOptionError, match="integrator: implicit") as caught:
-        world(RigidBody("can", load_model("can")), stiffness=1e6)
-    assert caught.value.field == "stiffness"
 
 
 def test_what_leaves_the_range_of_numbers_is_named():
