@@ -125,11 +125,6 @@ def tumbling_orientation(inertia, spin, time):
     return solve_ivp(rate, (0.0, time), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:4, -1]
 
 
-def sphere_centers(body, s):
-    """(n, 3): centres of a body's spheres at its state (13,), world frame [m]."""
-    return body.model.centers @ Rotation.from_quat(s[6:10]).as_matrix().T + s[:3]
-
-
 def momenta(scene, x):
     """Linear and angular momentum about the origin (2, 3) at a state (B, 13)."""
     linear, angular = np.zeros(3), np.zeros(3)

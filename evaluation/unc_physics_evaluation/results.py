@@ -51,10 +51,6 @@ class Rows(list):
         """Return the median of the values; NaN without rows."""
         return float(np.median(self.values())) if self else float("nan")
 
-    def std(self) -> float:
-        """Standard deviation of the figures; NaN when there are none."""
-        return float(np.std(self.values())) if self else float("nan")
-
 
 class Results:
     """A folder that fills up with finished jobs.
