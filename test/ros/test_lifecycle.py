@@ -32,6 +32,7 @@ def test_the_node_goes_through_its_life(client):
 
     with LifecycleProcess(track=True, observed_objects=["can"], observed_models=["can"]) as process:
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
+        assert not change(Transition.TRANSITION_ACTIVATE)  # which fails, and is answered
         assert change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE
         service = client.node.create_client(Predict, "/cycle/predict")

@@ -91,7 +91,7 @@ def test_unknown_covariances_take_the_defaults():
     known = moving_object("known")
     known.belief.twist_covariance = diagonal(*[0.5] * 6)
     for message, replaced in ((unknown, False), (zeros, True), (known, False)):
-        scene, belief, models, zeros_replaced, _ = read(message, covariance_defaults=defaults)
+        scene, belief, models, zeros_replaced, *_ = read(message, covariance_defaults=defaults)
         (written,), _ = write_linear(scene, models, [0.0], [belief])
         assert zeros_replaced == replaced
         if message is not known:
@@ -272,6 +272,6 @@ def test_what_left_the_range_of_numbers_is_not_written(number):
 def test_huge_numbers_are_refused_or_stay_finite():
     message = moving_object()
     message.twist.angular.x = 1e200
-    message.belief.pose_covariance = diagonal(*[1e150] * 6)
+    message.belief.twist_covariance = diagonal(*[1e150] * 6)
     with pytest.raises(errors.NotFiniteError):
         read(message)

@@ -15,13 +15,14 @@ from shape_msgs.msg import Plane
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from unc_physics.ros.clocks import stamp_problem
 from unc_physics.ros.detected import scene_of_detections
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
-from unc_physics.ros.scene_topics import LatestWorker, StreamedScene, prepared, stamp_problem
+from unc_physics.ros.scene_topics import LatestWorker, StreamedScene, prepared
 from unc_physics.ros.stream_pace import Pace
 from unc_physics.ros.streams import request_of, topic_name, transforms
 from unc_physics_msgs.msg import EnvironmentElement, PredictedObject, Prediction, Scene
@@ -146,16 +147,38 @@ def test_a_pose_of_one_object_at_one_horizon(publish, listener):
     [
         (29.0, None),
         (-29.0, None),
-        (60.0, "60 s old, and max_input_age is 30 s"),
-        (-60.0, "60 s in the future, and max_input_lead is 30 s"),
+        (60.0, "60 s old, and the parameter max_input_age allows 30 s"),
+        (-60.0, "60 s in the future, and the parameter max_input_lead allows 30 s"),
         (1005.0, "1e+03 s old"),  # a stamp below zero
     ],
 )
 def test_stamps_that_are_too_old_or_too_far_ahead(age, words):
-    now = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=10**12))
-    node, stamp = SimpleNamespace(get_clock=lambda: now), Time(sec=round(1000.0 - age), nanosec=0)
-    problem = stamp_problem(node, stamp, Settings(max_input_age=30.0, max_input_lead=30.0))
+    stamp = Time(sec=round(1000.0 - age), nanosec=0)
+    problem = stamp_problem(node_at(1000), stamp, Settings(max_input_age=30.0, max_input_lead=30.0))
     assert problem is None if words is None else words in problem
+
+
+def node_at(seconds, sim_time=False):
+    """A node whose clock shows a time [s]."""
+    clock = SimpleNamespace(
+        now=lambda: SimpleNamespace(nanoseconds=seconds * 10**9), ros_time_is_active=sim_time
+    )
+    use_sim_time = SimpleNamespace(value=sim_time)
+    return SimpleNamespace(get_clock=lambda: clock, get_parameter=lambda _: use_sim_time)
+
+
+@pytest.mark.parametrize(
+    ("now", "sim_time", "source"),
+    [
+        (1000, False, "the system's, as use_sim_time is false"),
+        (1000, True, "that of /clock, as use_sim_time is true"),
+        (0, True, "no /clock has come"),
+    ],
+)
+def test_messages_about_stamps_name_both_clocks(now, sim_time, source):
+    problem = stamp_problem(node_at(now, sim_time), Time(sec=77), Settings())
+    assert problem is not None and source in problem
+    assert "the stamp is 77.000 s" in problem and f"clock {now}.000 s" in problem
 
 
 def test_scenes_of_other_times_are_dropped_and_bad_ones_told(publish, answer_to, listener):

@@ -264,3 +264,45 @@ def test_ids_of_detections():
     found = observation_of(array, ModelLibrary(), 1.0)
     assert [own.id for own in found.objects] == ["a", "can_1"] and found.named == {"a"}
     assert found.header.frame_id == "camera"
+
+
+def test_an_object_that_changes_its_id_stays_one_object(tracks):
+    """As after an id switch of a detector: two solids of one model are not in one place."""
+    for k in range(10):
+        tracks.see(0.1 * k, (0.0, 0.0, 0.0), named=True)
+    place = PoseWithCovariance()
+    place.covariance = np.diag([STD**2] * 3 + [0.02**2] * 3).ravel()
+    for k in range(10, 20):
+        other = detected_object("other", "can", place, tracks.library, 1.0)
+        outcome = tracks.tracks.observe(tracks.stamp(0.1 * k), [other], {"other"}, SETTINGS)
+        assert "its id has changed" in outcome.skipped["other"] and outcome.accepted == 1
+    assert list(tracks.known()) == ["can 0"]
+
+
+def test_an_object_that_two_detectors_name_is_one(tracks):
+    for k in range(5):
+        outcome = tracks.see(0.1 * k, (0.0, 0.0, 0.0), (0.004, 0.0, 0.0), named=True)
+        assert outcome.skipped == {"can 1": "is a second observation of 'can 0'"}
+    assert list(tracks.known()) == ["can 0"]
+
+
+def test_a_call_that_is_interrupted_leaves_the_tracker_as_it_was():
+    library, environment = ModelLibrary(), NodeEnvironment()
+    environment.set(floor())
+    stopped = []
+
+    def interrupt():
+        if stopped:
+            raise TimeoutError
+
+    scenery = Scenery(Tracks(library, environment, interrupt), environment, library)
+    scenery.see(0.0, (0.0, 0.0, 0.0), named=True)
+    scenery.see(0.1, (0.0, 0.0, 0.0), named=True)
+    before = scenery.known()["can 0"]
+    stopped.append(True)
+    with pytest.raises(TimeoutError):
+        scenery.see(0.4, (0.0, 0.0, 0.0), named=True)
+    stopped.clear()
+    after = scenery.known()["can 0"]
+    assert after.pose == before.pose and after.last_seen == before.last_seen
+    library.discard()

@@ -7,6 +7,7 @@ One in mid-air is not predicted.
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -21,9 +22,9 @@ from ..scene.environment import Element
 from ..shapes.distance import signed_distance
 from ..shapes.packing_file import SpherePacking
 from ..spatial.rotation import rotation_matrix
+from .messages.covariances import UNKNOWN
 from .messages.environment import PackedElement, read_environment
 from .messages.fields import xyz, xyzw
-from .messages.scene import UNKNOWN
 
 try:
     Detection3DArray: Any = importlib.import_module("vision_msgs.msg").Detection3DArray
@@ -99,14 +100,14 @@ def scene_of_detections(detections, library, mass, header=None) -> tuple[Scene, 
         header = Header(stamp=header.stamp, frame_id=next(filter(None, frames), ""))
     names = set()
     for k, detection in enumerate(detections.detections):
-        best = max(detection.results, key=lambda result: result.hypothesis.score, default=None)
+        best = max(valid_hypotheses(detection), key=lambda result: result.hypothesis.score, default=None)
         name = detection.id or (f"detection_{k}" if best is None else f"{best.hypothesis.class_id}_{k}")
         if name in names:  # some detectors write the class into the id
             name = f"{name}_{k}"
         names.add(name)
         frame = detection.header.frame_id if own_frames else ""
         if best is None:
-            skipped[name] = f"detections[{k}].results must name a model: it is empty"
+            skipped[name] = f"detections[{k}].results must name a model, with a finite score: none does"
         elif frame not in ("", header.frame_id):
             skipped[name] = (
                 f"detections[{k}].header.frame_id must be that of the other detections, '{header.frame_id}'"
@@ -116,6 +117,13 @@ def scene_of_detections(detections, library, mass, header=None) -> tuple[Scene, 
             model = best.hypothesis.class_id
             objects.append(detected_object(name, model, best.pose, library, mass))
     return Scene(header=header, objects=objects), skipped
+
+
+def valid_hypotheses(detection) -> list:
+    """Return the hypotheses of a detection with a class and a score that is a number."""
+    return [
+        one for one in detection.results if one.hypothesis.class_id and math.isfinite(one.hypothesis.score)
+    ]
 
 
 def detected_object(name, model, pose, library, mass):
@@ -255,8 +263,8 @@ def _body(own, library, settings) -> _Body:
         model = pack(shape, own.spheres, own.id, False).scaled(own.scale or 1.0)
     position = array(xyz(own.pose.position), (3,), "position")
     orientation = quaternion(xyzw(own.pose.orientation), "orientation")
-    P, _ = settings.covariance_defaults.known_pose(own.belief.pose_covariance, "pose_covariance")
-    return _Body(own.id, position, np.array(orientation), model, P)
+    P = settings.covariance_defaults.known_pose(own.belief.pose_covariance, "pose_covariance")
+    return _Body(own.id, position, np.array(orientation), model, P.with_unmeasured())
 
 
 def _duplicates(objects, bodies) -> dict[str, Omission]:

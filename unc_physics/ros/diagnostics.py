@@ -93,6 +93,7 @@ class Diagnostics:
             "dropped inputs",
             "replaced inputs",
             "skipped objects",
+            "changed covariances",
             "errors",
             "last error",
         )

@@ -16,6 +16,22 @@ class UncPhysicsLifecycleNode(ServingNode, LifecycleNode):
     Errors in a transition are logged, and the transition fails.
     """
 
+    def __init__(self, node_name: str = "unc_physics", **others):
+        super().__init__(node_name, **others)
+        # rclpy of Jazzy raises for a transition that the present state does not have, and sends no answer
+        service = self._service_change_state
+        change = service.callback
+
+        def answer(request, response):
+            try:
+                return change(request, response)
+            except Exception as error:  # noqa: BLE001  (rclpy's own is not public)
+                self.get_logger().error(f"the transition failed: {error}")
+                response.success = False
+                return response
+
+        service.callback = answer
+
     def on_configure(self, state):
         """Find the models and warm up."""
         return self._attempt(self.server.prepare)

@@ -15,7 +15,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 
 from unc_physics_msgs.action import PredictLong
 
-from ..checks.errors import CanceledError, ErrorCode, LimitExceededError
+from ..checks.errors import CanceledError, ErrorCode
 from .client_process import ClientProcess, participant_of
 from .messages.fields import duration
 from .messages.request import TimeLimits
@@ -34,13 +34,13 @@ class LongPrediction:
         limit = server.settings.max_long_predictions
         self._running = threading.Semaphore(limit)
         self._action = _ThreadedActionServer(
-            limit + 1,  # one to refuse goals above the limit
+            limit,
             server.node,
             PredictLong,
             "~/predict_long",
             self._execute,
             callback_group=ReentrantCallbackGroup(),
-            goal_callback=lambda _: GoalResponse.ACCEPT,
+            goal_callback=self._admit,
             cancel_callback=lambda _: CancelResponse.ACCEPT,  # rclpy would reject
             result_timeout=_RESULT_TIMEOUT,
         )
@@ -49,15 +49,18 @@ class LongPrediction:
         """Withdraw the action."""
         self._action.destroy()
 
+    def _admit(self, _):
+        """Reject goals above the limit."""
+        if self._running.acquire(blocking=False):
+            return GoalResponse.ACCEPT
+        limit = self._server.settings.max_long_predictions
+        self._server.log.warning(f"a goal was rejected: max_long_predictions allows {limit} at a time")
+        return GoalResponse.REJECT
+
     def _execute(self, goal):
         result = PredictLong.Result()
         participant = self._action.participants.pop(bytes(goal.goal_id.uuid), b"")
         with self._server.errors_into(result.result):
-            if not self._running.acquire(blocking=False):
-                raise LimitExceededError(
-                    f"must be at most {self._server.settings.max_long_predictions} at a time",
-                    field="the number of long predictions",
-                )
             try:
                 with contextlib.closing(ClientProcess(participant, self._own_id())) as process:
                     afterwards = self._server.answer(

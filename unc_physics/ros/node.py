@@ -26,7 +26,8 @@ from .server import PredictionServer
 # with Python's default of 5 ms, other threads would delay a prediction
 _SWITCH_INTERVAL = 5e-4  # s
 _POLL_PERIOD = 0.5  # s, between checks whether the node is ready or failed
-_SETTLING_TIMEOUT = 2.0  # s
+_SETTLING_TIMEOUT = 0.5  # s
+_LONGEST_END = 1.8  # s from a signal to the end of the process, whatever still computes
 _USAGE = """\
 usage: {program} [--ros-args [-p NAME:=VALUE]... [--params-file FILE] [-r OLD:=NEW]...]
 
@@ -134,11 +135,12 @@ def run(make_node, arguments=None, program="unc_physics_node") -> int:
     if {"-h", "--help"} & set(sys.argv[1:] if arguments is None else arguments):
         print(_USAGE.format(program=program))
         return 0
-    stop, node, spinning = threading.Event(), None, None
+    stop, ended, node, spinning = threading.Event(), threading.Event(), None, None
     try:
         _init(arguments)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: stop.set())
+        threading.Thread(target=_end_soon, args=[stop, ended], daemon=True).start()
         sys.setswitchinterval(_SWITCH_INTERVAL)
         node = make_node()
         spinning = Spinning(node)
@@ -168,7 +170,16 @@ def run(make_node, arguments=None, program="unc_physics_node") -> int:
                 spinning.end()
             node.destroy_node()
         rclpy.try_shutdown()
+        ended.set()
+        stop.set()
     return 0
+
+
+def _end_soon(stop, ended):
+    """End the process some time after a signal, even if a computation does not end."""
+    stop.wait()
+    if not ended.wait(_LONGEST_END):
+        leave(0)
 
 
 def _init(arguments):

@@ -28,7 +28,7 @@ from ..scene.materials import refuse_with_explicit
 from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
 from ..scene.presets import PRESETS, certain, with_changes
 from ..scene.stiffness import AUTO
-from .messages.scene import CovarianceDefaults
+from .messages.covariances import CovarianceDefaults
 
 _EVERYDAY = PRESETS["everyday"]
 _AUTO_OVERLAP = "auto"
@@ -363,6 +363,12 @@ class Settings:
             if len(given) != count:
                 raise InvalidOptionError(
                     f"must name {partner} for each of the {count} {names}", field=partners, value=list(given)
+                )
+            if partner == "a model" and (
+                open_ones := [n for n, p in zip(getattr(self, names), given) if n and not p]
+            ):
+                raise InvalidOptionError(
+                    f"must name a model for '{open_ones[0]}' of {names}", field=partners, value=list(given)
                 )
         topics = [("tracked_topics", topic) for topic in self.tracked_topics]
         for name, topic in [*topics, ("planning_scene_topic", self.planning_scene_topic)]:

@@ -203,7 +203,8 @@ def _outcomes(answer, place, scene, horizon, settings):
             continue
         state = predicted.states[place].pose
         error = np.subtract(xyz(own.pose.position), xyz(state.pose.position))
-        measured, _ = settings.covariance_defaults.known_pose(own.belief.pose_covariance, "pose.covariance")
+        read = settings.covariance_defaults.known_pose(own.belief.pose_covariance, "pose.covariance")
+        measured = read.with_unmeasured()
         P = (np.reshape(state.covariance, (6, 6)) + measured)[:3, :3]
         found.append(
             Outcome(

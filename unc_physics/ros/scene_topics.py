@@ -1,4 +1,4 @@
-"""Topics of scenes, tracked objects and detections, and the checks of their stamps."""
+"""Topics of scenes, tracked objects and detections."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.clock import JumpThreshold
-from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
@@ -20,8 +18,8 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import Scene
 
 from ..checks.errors import UncPhysicsError
+from .clocks import on_clock_jump, stamp_problem
 from .detected import Detection3DArray, detected_object, scene_of_detections, settle_detected
-from .messages.fields import nanoseconds
 from .messages.frames import Frames
 from .models import ModelLibrary
 from .node_environment import NodeEnvironment
@@ -275,30 +273,3 @@ def subscribe(node, kind: type, topic: str, callback: Callable, depth: int = 1):
     """Subscribe by best effort, which matches all publishers, including sensors; users may override it."""
     profile = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
     return node.create_subscription(kind, topic, callback, profile, qos_overriding_options=OVERRIDABLE)
-
-
-def on_clock_jump(node, callback: Callable):
-    """Have a function called after jumps of a node's clock back, as of a bag that starts again."""
-    threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=True)
-    return node.get_clock().create_jump_callback(threshold, post_callback=callback)
-
-
-def stamp_age(node, stamp) -> float | None:
-    """Return the time since a stamp [s] by the node's clock; None for a zero stamp."""
-    if stamp.sec == 0 and stamp.nanosec == 0:
-        return None
-    now = node.get_clock().now().nanoseconds
-    return 1e-9 * (now - nanoseconds(stamp))  # rclpy's Time has no negative values
-
-
-def stamp_problem(node, stamp, settings) -> str | None:
-    """Return why an input is dropped because of its stamp; None if it is valid."""
-    if (old := stamp_age(node, stamp)) is None:
-        return None
-    if settings.max_input_age and old > settings.max_input_age:
-        what = f"{old:.3g} s old, and max_input_age is {settings.max_input_age:g} s"
-    elif settings.max_input_lead and -old > settings.max_input_lead:
-        what = f"{-old:.3g} s in the future, and max_input_lead is {settings.max_input_lead:g} s"
-    else:
-        return None
-    return f"its stamp is {what}; do all clocks agree, and all nodes have the same use_sim_time?"

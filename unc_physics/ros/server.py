@@ -26,7 +26,7 @@ from ..prediction.prediction import Prediction
 from ..prediction.request_checks import marks_of
 from ..propagators.names import REFERENCE
 from .candidates import CandidatesService
-from .diagnostics import Diagnostics, LibraryLog
+from .diagnostics import Diagnostics, LibraryLog, ThrottledWarnings
 from .long_prediction import LongPrediction
 from .markers import MarkerTopic
 from .messages.fields import write_error
@@ -62,6 +62,7 @@ class PredictionServer:
         self.node = node
         self.log = node.get_logger()
         self._library_log = LibraryLog(self.log)
+        self.warn = ThrottledWarnings(self.log)
         self.parameters = ParameterServer(node)
         # a ModelLibrary after `prepare`; Frames, Diagnostics and a MarkerTopic after `open`
         self.library: Any = None
@@ -221,6 +222,9 @@ class PredictionServer:
                 "a covariance of zeros was read as unknown and takes the defaults of the parameters; set "
                 "zero_covariance to 'exact' if it means exactly known (logged once)"
             )
+        for name, changes in job.notes.items():
+            self.diagnostics.predictions.add("changed covariances")
+            self.warn("covariance", f"object '{name}': {'; '.join(changes)}")
         prediction = job.run(report)
         self.diagnostics.predicted(prediction)
         return prediction

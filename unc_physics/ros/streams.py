@@ -15,6 +15,7 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import Prediction, PredictionRequest, Scene
 
 from ..checks.errors import PredictionTimeoutError
+from .clocks import stamp_age, stamp_problem
 from .diagnostics import ThrottledWarnings
 from .markers import MarkerTopic, OccupancyTopics
 from .messages.fields import duration, seconds
@@ -22,7 +23,7 @@ from .messages.prediction import write_answer
 from .messages.request import TimeLimits
 from .messages.scene import AllSkippedError
 from .parameters import Settings
-from .scene_topics import OVERRIDABLE, SceneTopics, prepared, stamp_age, stamp_problem
+from .scene_topics import OVERRIDABLE, SceneTopics, prepared
 
 #: End of the names of frames of predicted and of tracked objects, after the object's id.
 PREDICTED, TRACKED = "_predicted", "_tracked"

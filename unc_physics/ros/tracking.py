@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from collections.abc import Collection, Mapping, Sequence
@@ -17,17 +18,19 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import ActionArray, ObjectState, Prediction, TrackedObjects
 from unc_physics_msgs.srv import Fork, Reset
 
-from ..checks.errors import CanceledError, DivergedError, UncPhysicsError
+from ..checks.errors import CanceledError, DivergedError, PredictionTimeoutError, UncPhysicsError
 from ..checks.names import hint
+from ..compiler.compile_time import clock
 from ..prediction.prediction import Prediction as CorePrediction
 from ..prediction.request_checks import marks_of
+from .clocks import on_clock_jump, stamp_age, stamp_problem
 from .detected import Detection3DArray, detected_object, scene_of_detections
 from .diagnostics import ThrottledWarnings
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
 from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_marks
 from .node_environment import HOW_TO_SET
-from .scene_topics import LatestWorker, on_clock_jump, stamp_age, stamp_problem, subscribe
+from .scene_topics import LatestWorker, subscribe
 from .services import BackgroundService
 from .streams import TRACKED, TransformTopic, topic_name
 from .tracks import Tracks
@@ -35,6 +38,8 @@ from .tracks import Tracks
 _DEPTH = 20  # observations of a source that wait in the middleware
 _PENDING = 100  # observations that wait for the tracker
 _WAITING = 16  # of them, for a transform
+#: Longest time that one call of the tracker computes [s]; a tracker that needs more never catches up.
+_LONGEST_STEP = 1.0
 
 
 class ReceivedObservation(NamedTuple):
@@ -74,7 +79,8 @@ class Tracking:
         self._server, self._stream, node = server, stream, server.node
         settings = server.settings
         self._warn = ThrottledWarnings(server.log)
-        self._tracks = Tracks(server.library, server.environment)
+        self._call = threading.local()  # end of the tracker's present call in each thread [s]
+        self._tracks = Tracks(server.library, server.environment, self._check)
         self._lock = threading.Lock()  # of the tracks
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="tracking")
         self._waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
@@ -126,6 +132,24 @@ class Tracking:
         self._predictor.close()
         node.destroy_publisher(self._tracked)
         self._transforms.close()
+
+    def _check(self):
+        """End a call of the tracker that takes too long, or when the node closes."""
+        self._server.check_open()
+        if clock() > getattr(self._call, "end", math.inf):
+            raise PredictionTimeoutError(
+                f"took longer than {_LONGEST_STEP:g} s: are objects inside each other, or too many?",
+                field="the tracker",
+            )
+
+    @contextlib.contextmanager
+    def _limited(self, longest: float = _LONGEST_STEP):
+        """Limit the time of the tracker's calls in a ``with`` block; compilation does not count."""
+        self._call.end = clock() + longest
+        try:
+            yield
+        finally:
+            del self._call.end
 
     def _warn_at_start(self):
         """Warn about settings with which observations will be left out."""
@@ -214,8 +238,9 @@ class Tracking:
                 self._warn("dropped", f"a message to the tracker was dropped: {reason}")
                 return
             try:
-                work(message, transform, settings)
-            except DivergedError:
+                with self._limited():
+                    work(message, transform, settings)
+            except (DivergedError, PredictionTimeoutError):
                 self._clear()
                 raise
 
@@ -287,11 +312,12 @@ class Tracking:
         if stamp - self._tracks.stamp < 0.5e9 / settings.tracked_rate or not self._tracks.names:
             return
         try:
-            with self._lock:
-                self._tracks.advance(stamp, settings)
-                self._counts.set("objects", len(self._tracks.names))
-            self._publish()
-        except DivergedError:
+            with self._limited():
+                with self._lock:
+                    self._tracks.advance(stamp, settings)
+                    self._counts.set("objects", len(self._tracks.names))
+                self._publish()
+        except (DivergedError, PredictionTimeoutError):
             self._clear()
             raise
 
@@ -346,7 +372,8 @@ class Tracking:
         ):
             marks, message = marks_of(present.scene, None, sorted(set(settings.horizons))), Prediction()
             outputs = RequestedOutputs(probabilities=settings.stream_probabilities)
-            job, prediction = present.predict(marks, settings, outputs)
+            with self._limited(settings.max_computation_time):
+                job, prediction = present.predict(marks, settings, outputs)
             self._write(message, job, prediction, present.stamp)
             self._stream.publish(message, job)
         self._ended.wait(time.perf_counter() - began)
@@ -358,7 +385,8 @@ class Tracking:
 
     def _fork(self, request, response):
         server, settings = self._server, self._server.settings
-        with server.errors_into(response.result):
+        limit = self._limited(settings.max_computation_time)
+        with server.errors_into(response.result), limit:
             with self._lock:
                 present = self._tracks.fork()
             scene = present.scene

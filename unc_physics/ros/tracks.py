@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -103,10 +103,17 @@ class Tracks:
     ----------
     library : ModelLibrary
     environment : NodeEnvironment
+    interrupt : callable, optional
+        As for `Tracker`.
     """
 
-    def __init__(self, library: ModelLibrary, environment: NodeEnvironment):
-        self._library, self._environment = library, environment
+    def __init__(
+        self,
+        library: ModelLibrary,
+        environment: NodeEnvironment,
+        interrupt: Callable[[], object] = lambda: None,
+    ):
+        self._library, self._environment, self._interrupt = library, environment, interrupt
         self._changes = 0
         self.clear()
 
@@ -388,7 +395,7 @@ class Tracks:
         """Return measurements of tracked objects by id, and those of new ones with their states."""
         seen: dict[str, PoseMeasurement] = {}
         born: dict[str, tuple[ObjectState, PoseMeasurement]] = {}
-        loose = []
+        loose, new = [], []
         for own, measurement in found:
             known = self._states.get(own.id)
             if settings.association != "id" or own.id not in named:
@@ -396,11 +403,12 @@ class Tracks:
             elif own.id in self._robots:
                 skipped[own.id] = "id must be that of no prescribed object"
             elif known is None:
-                born[own.id] = own, measurement
+                new.append((own, measurement))
             elif known.model != own.model:
                 skipped[own.id] = f"model must be '{known.model}', as before (got '{own.model}')"
             else:
                 seen[own.id] = measurement
+        self._identify(stamp, new, seen, born, skipped)
         if not loose:
             return seen, born
         places = [Place.of(own.model, measurement) for own, measurement in loose]
@@ -423,6 +431,25 @@ class Tracks:
                 name = own.id if own.id in named else None
                 born[self._new_name(own.model, name, born)] = own, measurement
         return seen, born
+
+    def _identify(self, stamp, new, seen, born, skipped):
+        """Sort observations with new ids into new objects and known ones that have changed their id.
+
+        Two solids of one model are not in one place: an object that is observed there under its own id, too,
+        was detected twice, and one that is not has changed its id.
+        """
+        there = self._expected(stamp, list(self._states)) if new else {}
+        there |= {name: Place.of(self._states[name].model, measured) for name, measured in seen.items()}
+        for own, measurement in new:
+            place = Place.of(own.model, measurement)
+            other = self._memory.same_object(place, there)
+            if other is None:
+                born[own.id], there[own.id] = (own, measurement), place
+            elif other in seen or other in born:
+                skipped[own.id] = f"is a second observation of '{other}'"
+            else:
+                seen[other], there[other] = measurement, place
+                skipped[own.id] = f"is where '{other}' is, and corrects that: its id has changed"
 
     def _expected(self, stamp, names):
         """Return where tracked objects are expected at a time, by their ids."""
@@ -576,6 +603,7 @@ class Tracks:
             window=settings.tracking_window,
             seed=_SEED,
             symmetries={name: own for name, own in found.items() if own is not None},
+            interrupt=self._interrupt,
         )
         return names
 

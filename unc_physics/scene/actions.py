@@ -18,6 +18,7 @@ from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELO
 #: larger turn has an ambiguous axis.
 MOST_POSES = 100_000
 FASTEST, FASTEST_TURN, _MOST_TURN = 100.0, 200.0, 3.0
+_MONOTONE = 3.0  # largest ratio of a velocity at a pose to the mean one beside it
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -36,8 +37,10 @@ class PosePath:
     orientations : (K, 4) array
         Quaternions (x, y, z, w) of ``R_world_body``; the identity by default.
     linear_velocities, angular_velocities : (K, 3) array
-        World frame [m/s], [rad/s]. Missing or NaN values are estimated from the neighbouring poses. At the
-        first and the last pose they default to zero.
+        World frame [m/s], [rad/s]. Missing or NaN values are estimated by parabolas through the neighbouring
+        poses, of at most three times the slower of the mean velocities before and after the pose. So they are
+        zero where neighbouring poses are equal, and a hold is held. They are also zero where the direction
+        reverses, and at the first and the last pose.
 
     Raises
     ------
@@ -149,10 +152,19 @@ class PosePath:
 
 
 def _velocities(given, slopes, steps, field):
-    """Return velocities (K, 3): given ones, else parabolas through three poses, or zero at the ends."""
+    """Return velocities (K, 3): given ones, else parabolas through three poses, or zero at the ends.
+
+    A cubic whose velocity at an end is at most three times its mean one does not overshoot (Fritsch and
+    Carlson 1980): estimates are limited to that, and are zero where the direction reverses.
+    """
     count = len(slopes) + 1
     estimated = np.zeros((count, 3))
-    estimated[1:-1] = (steps[1:] * slopes[:-1] + steps[:-1] * slopes[1:]) / (steps[1:] + steps[:-1])
+    before, after = slopes[:-1], slopes[1:]
+    parabola = (steps[1:] * before + steps[:-1] * after) / (steps[1:] + steps[:-1])
+    speed = np.linalg.norm(parabola, axis=1)
+    most = _MONOTONE * np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
+    most[np.einsum("kd,kd->k", before, after) < 0.0] = 0.0
+    estimated[1:-1] = parabola * np.minimum(1.0, most / np.where(speed > 0.0, speed, 1.0))[:, None]
     if given is None:
         return estimated
     found = numbers(given, field)

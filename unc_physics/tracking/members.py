@@ -50,9 +50,12 @@ def advanced(tracked: TrackedScene, state: State, step: int) -> State:
     ------
     DivergedError
         If a member left the range of numbers.
+    UncPhysicsError
+        From the tracker's ``interrupt``.
     """
     scene = tracked.scene
     while state.carry.step < step:
+        tracked.interrupt()
         begin = state.carry.step
         steps = min(step, (begin // tracked.piece + 1) * tracked.piece) - begin
         before = state.carry.states

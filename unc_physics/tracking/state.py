@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -19,6 +19,10 @@ from .symmetry import NONE, Symmetry
 
 #: Longest simulated time between additions of contact noise [s].
 _PIECE = 1.0 / 30.0
+
+
+def go_on() -> None:
+    """Interrupt nothing."""
 
 
 class State(NamedTuple):
@@ -57,6 +61,8 @@ class TrackedScene:
     gates : Gates
     origin : float
         Time of step 0, on the clock of the measurements [s].
+    interrupt : callable
+        Called between pieces of the simulation; an exception from it ends them.
     """
 
     scene: Scene
@@ -65,6 +71,7 @@ class TrackedScene:
     noise: ContactNoise
     gates: Gates
     origin: float
+    interrupt: Callable[[], object] = go_on
 
     @cached_property
     def piece(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,7 +34,7 @@ from .measurements import RelativePoseMeasurement as Relative
 from .members import first_members, with_last_body, without_body, woken
 from .noise import ContactNoise
 from .report import Correction, TrackStatus
-from .state import State, TrackedScene
+from .state import State, TrackedScene, go_on
 from .symmetry import AxialSymmetry, checked_symmetries, checked_symmetry
 
 _FEWEST = 8  # members
@@ -69,6 +69,9 @@ class Tracker:
         the body frame, after which it looks the same. A measured pose is replaced by the equivalent one that
         is nearest to the expected pose. The angle about an axis of symmetry is never corrected: it is
         arbitrary in the answers, and its small variance there is meaningless (`AxialSymmetry`).
+    interrupt : callable, optional
+        Called without arguments at least every thirtieth of a second of simulated time. An exception from it
+        ends the call, and the tracker stays as it was.
 
     Raises
     ------
@@ -90,6 +93,7 @@ class Tracker:
         seed: int = 0,
         gates: Gates = Gates(),  # noqa: B008 - it is frozen
         symmetries: Mapping[str, AxialSymmetry | ArrayLike] | None = None,
+        interrupt: Callable[[], object] = go_on,
     ):
         instance(scene, Scene, "scene")
         instance(belief, Belief, "belief")
@@ -109,6 +113,7 @@ class Tracker:
             noise,
             gates,
             self._time,
+            interrupt,
         )
         belief = constrain_belief(scene, belief)
         tracks = tuple(

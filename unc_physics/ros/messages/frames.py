@@ -16,8 +16,9 @@ from unc_physics_msgs.msg import Environment, Scene
 from ...checks.errors import UncPhysicsError, UnknownFrameError
 from ...checks.validation import array, quaternion
 from ...spatial.rotation import multiply, rotation_matrix
+from ..clocks import both_clocks
+from .covariances import UNKNOWN
 from .fields import packed, pose_message, xyz, xyzw
-from .scene import UNKNOWN
 
 
 class Frames:
@@ -35,7 +36,7 @@ class Frames:
 
     def __init__(self, node=None, world_frame: str = "world", timeout: Callable[[], float] = lambda: 0.0):
         self._world_frame, self._timeout = world_frame, timeout
-        self._buffer = None
+        self._buffer, self._node = None, node
         if node is not None and importlib.util.find_spec("tf2_ros"):
             import tf2_ros  # pyright: ignore[reportMissingImports]  (optional)
 
@@ -91,8 +92,10 @@ class Frames:
             )
         except Exception as error:  # tf2's errors have no common base in Python
             waited = f" within {timeout:g} s" if timeout else ""
+            clocks = both_clocks(self._node, header.stamp)
             raise UnknownFrameError(
-                f"has no transform to '{self._world_frame}'{waited}: {error}",
+                f"has no transform to '{self._world_frame}'{waited}, the parameter transform_timeout:"
+                f" {error}; {clocks}",
                 field=f"{field}.frame_id",
                 value=header.frame_id,
             ) from error

@@ -50,6 +50,7 @@ _OVERLAP_FIELDS = ("overlap_moved", "overlap_kept")
 #: Most states of one object that are assessed separately, as documented in the message.
 ASSESSED_STATES = 16
 _SAME_POINT = np.zeros(3)
+_BOTTOMLESS = "it would fall for ever, as nothing is below it: give the scene or the node an environment"
 _NOTE = "note: "  # before each note of a status, in ``status_msg``
 
 
@@ -97,6 +98,7 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     message.joint_covariances = joints
     complete = prediction.time > job.horizon - RESOLUTION
     write_statuses(message, prediction, settings.status_rollouts if complete else 0)
+    write_notes(message.objects, job)
     write_probabilities(message, prediction, job.events)
     message.seed = job.seed
     message.time_reached = duration(prediction.time)
@@ -223,6 +225,19 @@ def write_statuses(message, prediction, rollouts) -> None:
         ]
         for name in _OVERLAP_FIELDS:
             setattr(predicted, name, status.measures.get(name, 0.0))
+
+
+def write_notes(objects: Iterable[PredictedObject], job: Job) -> None:
+    """Add to the status of objects what was changed in their covariances, and that nothing is below them."""
+    scene = job.scene
+    bottomless = scene.gravity.any() and not scene.environment and all(body.free for body in scene.bodies)
+    for k, predicted in enumerate(objects):
+        state = job.belief.mean[k]
+        texts = [f"{_NOTE}{text}" for text in job.notes.get(predicted.id, ())]
+        if bottomless and not (state[VELOCITY].any() or state[ANGULAR_VELOCITY].any()):
+            predicted.status |= PredictedObject.STATUS_OUTSIDE_VALIDITY
+            texts.insert(0, _BOTTOMLESS)
+        predicted.status_msg = "; ".join(filter(None, [predicted.status_msg, *texts]))
 
 
 def write_probabilities(message: Any, prediction: Prediction, events: Iterable[Event]) -> None:

@@ -142,6 +142,8 @@ class Job:
         Whether a covariance of zeros was read as unknown.
     skipped : dict of str
         Reasons of omitted objects, by id.
+    notes : dict of tuple of str
+        What was changed in the covariances of an object, by id.
     """
 
     scene: Scene
@@ -156,6 +158,7 @@ class Job:
     outputs: RequestedOutputs = MARGINALS_ONLY
     zeros_replaced: bool = False
     skipped: dict[str, str] = field(default_factory=dict)
+    notes: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def horizon(self) -> float:
@@ -284,6 +287,7 @@ def read_request(
         outputs=RequestedOutputs.read(request),
         zeros_replaced=read.zeros_replaced,
         skipped=read.skipped,
+        notes=read.notes,
     )
     check_answer(job, settings)
     return job

@@ -27,7 +27,7 @@ from ...checks.errors import (
     NotFiniteError,
     UncPhysicsError,
 )
-from ...checks.validation import FARTHEST, array, covariance, non_negative, number, point, quaternion
+from ...checks.validation import FARTHEST, array, non_negative, number, point, quaternion
 from ...scene.belief import Belief
 from ...scene.body import RigidBody, known_mass, valid_mass
 from ...scene.environment import check_not_reserved
@@ -47,64 +47,20 @@ from ...spatial.layout import (
     VELOCITY,
 )
 from ...spatial.origin import at_com, congruent, error_map, inverse_error_map, moved
+from ...spatial.rotation import rotation_matrix
 from .actions import ObjectActions, group_actions, read_actions, read_path
+from .covariances import ANY_ANGLE_VARIANCE, EXACT, CovarianceDefaults, ReadCovariance, read_whole
 from .environment import MATERIAL_FIELDS, element_id, read_environment, read_material
 from .fields import given_shapes, packed, writable, xyz, xyzw
 
-#: First entry of an unknown covariance, as in sensor_msgs/Imu.
-UNKNOWN = -1.0
 _AT_REST = 0.0, 0.0, 0.0
 _EXACT = 0.0, (0.0, 0.0, 0.0)  # standard deviations of mass and centre of mass
 # places of pose and twist in a covariance (12, 12)
 _POSE = np.ix_(*[np.r_[ERR_POSITION, ERR_ROTATION]] * 2)
 _TWIST = np.ix_(*[np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]] * 2)
 _KINDS = ObjectState.DYNAMIC, ObjectState.FIXED, ObjectState.PRESCRIBED
+_YAW = 5  # row of a pose covariance
 _ROUND_OFF = 1e-6  # tolerance of a quaternion's length, for single precision
-
-
-class CovarianceDefaults(NamedTuple):
-    """Covariances that replace unknown ones.
-
-    Attributes
-    ----------
-    pose, twist : (6, 6) array
-        Defaults of unknown covariances, in the order and frame of messages, at the model's origin.
-    zero_is_exact : bool
-        Whether zeros mean exact; otherwise they mean unknown.
-    """
-
-    pose: np.ndarray
-    twist: np.ndarray
-    zero_is_exact: bool
-
-    @classmethod
-    def from_stds(cls, position, orientation, linear_velocity, angular_velocity, zero_is_exact):
-        """Return defaults from standard deviations [m, rad, m/s, rad/s], equal along all axes."""
-        pose = np.diag(np.repeat([position, orientation], 3) ** 2)
-        twist = np.diag(np.repeat([linear_velocity, angular_velocity], 3) ** 2)
-        return cls(pose, twist, zero_is_exact)
-
-    def known_pose(self, values, field: str) -> tuple[np.ndarray, bool]:
-        """Return the covariance (6, 6) of a pose in a message, and whether zeros were read as unknown.
-
-        Parameters
-        ----------
-        values : (36,) array
-        field : str
-            Its name in error messages.
-
-        Raises
-        ------
-        InvalidCovarianceError, NotFiniteError
-        """
-        return _known(values, field, self.pose, self.zero_is_exact)
-
-    def known_twist(self, values, field: str) -> tuple[np.ndarray, bool]:
-        """Return the covariance (6, 6) of a twist in a message, as `known_pose` does."""
-        return _known(values, field, self.twist, self.zero_is_exact)
-
-
-EXACT = CovarianceDefaults.from_stds(0.0, 0.0, 0.0, 0.0, zero_is_exact=True)
 
 
 class ReadScene(NamedTuple):
@@ -120,6 +76,8 @@ class ReadScene(NamedTuple):
         Whether a covariance of zeros was read as unknown.
     skipped : dict of str
         Reasons of omitted objects, by id.
+    notes : dict of tuple of str
+        What was changed in the covariances of an object, by id.
     """
 
     scene: Scene
@@ -127,6 +85,7 @@ class ReadScene(NamedTuple):
     models: tuple[str, ...]
     zeros_replaced: bool
     skipped: dict[str, str]
+    notes: dict[str, tuple[str, ...]]
 
 
 class AllSkippedError(NoObjectsError):
@@ -205,6 +164,8 @@ class ReadObject(NamedTuple):
     covariance : (12, 12) array
     zeros_replaced : bool
         Whether a covariance of zeros was read as unknown.
+    notes : tuple of str
+        What was changed in its covariances.
     """
 
     fields: BodyFields
@@ -212,7 +173,8 @@ class ReadObject(NamedTuple):
     body: RigidBody
     state: np.ndarray
     covariance: np.ndarray
-    zeros_replaced: bool
+    zeros_replaced: bool = False
+    notes: tuple[str, ...] = ()
 
 
 class SceneLimits(NamedTuple):
@@ -282,9 +244,9 @@ def read_scene(
         place = BodyFields(field, grouped.get(own.id, ObjectActions(own.id)))
         try:
             _check_id(own, field, taken)
-            arguments, state, P, zeros = _body(own, place, reader)
+            arguments, state, P, zeros, notes = _body(own, place, reader)
             body = _body_at(place, arguments)
-            read.append(ReadObject(place, own.model or body.model.name, body, state, P, zeros))
+            read.append(ReadObject(place, own.model or body.model.name, body, state, P, zeros, notes))
         except UncPhysicsError as error:
             if not skip_invalid_objects:
                 raise
@@ -294,8 +256,8 @@ def read_scene(
     _check_element_ids(environment.elements, taken)
     for element in packed:
         place = BodyFields(element.field, ObjectActions(element.name))
-        arguments, state, P, zeros = _fixed(element)
-        read.append(ReadObject(place, element.model.name, _body_at(place, arguments), state, P, zeros))
+        arguments, state, P = _fixed(element)
+        read.append(ReadObject(place, element.model.name, _body_at(place, arguments), state, P))
     bodies = tuple(own.body for own in read)
     mean = np.array([own.state for own in read])
     physics = with_chosen_stiffness(physics, bodies, mean)
@@ -307,7 +269,8 @@ def read_scene(
         P = np.array([read[b].covariance for b in moving]).reshape(-1, ERROR, ERROR)
     belief = Belief.trusted(mean, P, moving)
     models = tuple(own.model for own in read)
-    return ReadScene(scene, belief, models, any(own.zeros_replaced for own in read), skipped)
+    notes = {own.body.name: own.notes for own in read if own.notes}
+    return ReadScene(scene, belief, models, any(own.zeros_replaced for own in read), skipped, notes)
 
 
 def write_joint_covariance(scene: Scene, belief: Belief, origins: np.ndarray) -> JointCovariance:
@@ -406,11 +369,11 @@ def _hashable(value):
 
 
 def _fixed(element):
-    """Return the result of `_body` for a packed element."""
+    """Return the arguments, the state and the covariance of a packed element's body."""
     at_origin = np.zeros(STATE)
     at_origin[POSITION], at_origin[QUATERNION] = element.position, element.orientation
     body = element.name, element.model, 1.0, True, *_EXACT, False, None, None, element.material
-    return body, moved(at_origin, writable(element.model.origin), -1.0), np.zeros((ERROR, ERROR)), False
+    return body, moved(at_origin, writable(element.model.origin), -1.0), np.zeros((ERROR, ERROR))
 
 
 def _check_shape(message, kinematic, field):
@@ -446,7 +409,7 @@ def _shape(message, reader):
 
 
 def _body(message, place, reader):
-    """Return a body's arguments, state (13,) and covariance (12, 12), and whether zeros are replaced."""
+    """Return a body's arguments, state (13,), covariance (12, 12), whether zeros are replaced, and notes."""
     field, actions = place
     fixed = _is_fixed(message, place)
     _check_shape(message, fixed or actions.trajectory is not None, field)
@@ -468,16 +431,21 @@ def _body(message, place, reader):
     inertia = _inertia(message, f"{field}.inertia")
     drag = (("drag", message.drag),) if message.drag else ()
     named = material + drag + read_actions(actions)
-    body = message.id, model, mass, fixed, *stds, bool(message.at_rest), inertia, path, named
-    if path is not None:
-        return body, path.states[0], np.zeros((ERROR, ERROR)), False
-    state = moved(_state(message, field, fixed), origin, -1.0)
-    if fixed:
-        return body, state, np.zeros((ERROR, ERROR)), False
-    P, zeros = _covariance(message.belief, f"{field}.belief", reader.covariance_defaults, state, origin)
+    body = message.id, model, mass, fixed, *stds
+    if kinematic:
+        at_start = moved(_state(message, field, fixed), origin, -1.0) if path is None else path.states[0]
+        body = *body, bool(message.at_rest), inertia, path, named
+        return body, at_start, np.zeros((ERROR, ERROR)), False, ()
+    pose, C, changes = _covariance(message.belief, f"{field}.belief", reader.covariance_defaults)
+    at_rest = bool(message.at_rest) or pose.is_supported
+    state = moved(_state(message, field, fixed, at_rest), origin, -1.0)
+    P = at_com(C, state, origin)
+    if _YAW in pose.unmeasured:  # about the centre of mass: no lever makes a spread of positions of it
+        vertical = rotation_matrix(state[QUATERNION])[2]
+        P[ERR_ROTATION, ERR_ROTATION] += ANY_ANGLE_VARIANCE * np.outer(vertical, vertical)
     if not math.isfinite(state.sum() + P.sum()):
         raise NotFiniteError("is too large to be moved to the centre of mass", field=field)
-    return body, state, P, zeros
+    return (*body, at_rest, inertia, path, named), state, P, pose.zeros_replaced, changes
 
 
 def _inertia(message, field):
@@ -502,18 +470,17 @@ def _is_fixed(message, place):
     return message.kind == ObjectState.FIXED
 
 
-def _covariance(message, field, covariance_defaults, state, origin):
-    """Return the covariance (12, 12) at the centre of mass, and whether zeros were read as unknown."""
+def _covariance(message, field, covariance_defaults):
+    """Return the pose's covariance, that of the state (12, 12) at the model's origin, and changes."""
     if len(message.covariance):
-        place = f"{field}.covariance"
-        C = _checked(array(message.covariance, (ERROR**2,), place, InvalidCovarianceError).tobytes(), place)
-        return at_com(C, state, origin), False
+        whole = read_whole(message.covariance, ERROR, f"{field}.covariance")
+        return ReadCovariance(whole.P), writable(whole.P), whole.changes
+    pose = covariance_defaults.known_pose(message.pose_covariance, f"{field}.pose_covariance")
+    twist = covariance_defaults.known_twist(message.twist_covariance, f"{field}.twist_covariance")
     C = np.zeros((ERROR, ERROR))
-    C[_POSE], zero_pose = covariance_defaults.known_pose(message.pose_covariance, f"{field}.pose_covariance")
-    C[_TWIST], zero_twist = covariance_defaults.known_twist(
-        message.twist_covariance, f"{field}.twist_covariance"
-    )
-    return at_com(C, state, origin), zero_pose or zero_twist
+    C[_POSE], C[_TWIST] = pose.P, twist.P
+    zeros = pose.zeros_replaced or twist.zeros_replaced
+    return pose._replace(zeros_replaced=zeros), C, pose.changes + twist.changes
 
 
 def _joint_covariance(message, scene, mean, known):
@@ -537,8 +504,7 @@ def _joint_covariance(message, scene, mean, known):
         if name in ids[:k]:
             raise DuplicateIdError("comes twice", field=f"{place}.object_ids[{k}]", value=name)
     size = ERROR * len(ids)
-    C = array(message.data, (size**2,), f"{place}.data", InvalidCovarianceError).reshape(size, size)
-    C = covariance(C, size, f"{place}.data") if size else C
+    C = read_whole(message.data, size, f"{place}.data").P if size else np.zeros((0, 0))
     moving = scene.moving.tolist()
     rows = []
     for b in moving:
@@ -560,7 +526,7 @@ def _joint_covariance(message, scene, mean, known):
     return P
 
 
-def _state(message, field, fixed):
+def _state(message, field, fixed, at_rest=False):
     """Return the state (13,) at the model's origin; a fixed object is at rest."""
     pose, twist = message.pose, message.twist
     position, q = xyz(pose.position), xyzw(pose.orientation)
@@ -576,7 +542,7 @@ def _state(message, field, fixed):
         q = quaternion(q, f"{field}.pose.orientation")
         position = point(position, f"{field}.pose.position")
         v, w = array(v, (3,), f"{field}.twist.linear"), array(w, (3,), f"{field}.twist.angular")
-    if message.at_rest:
+    if at_rest or message.at_rest:
         for velocity, name in ((v, "linear"), (w, "angular")):
             if any(velocity):
                 raise InvalidRequestError(
@@ -603,29 +569,3 @@ def _stds(message, field, mass):
         non_negative(getattr(of_center, axis), f"{field}.center_of_mass_std.{axis}", InvalidCovarianceError)
         for axis in "xyz"
     )
-
-
-def _known(values, field, unknown, zero_is_exact):
-    """Return a covariance (6, 6), or ``unknown`` in its place, and whether zeros were read as unknown."""
-    plain = isinstance(values, np.ndarray) and values.dtype == np.float64 and values.shape == (36,)
-    P = _checked((values if plain else array(values, (36,), field, InvalidCovarianceError)).tobytes(), field)
-    if P is None:
-        return unknown, False
-    if zero_is_exact or P.any():
-        return P, False
-    return unknown, True
-
-
-@functools.lru_cache(maxsize=256)
-def _checked(entries, field):
-    """Return the covariance of 6 or 12 errors from the bytes of its entries; None if it is unknown.
-
-    It is cached, as clients often repeat equal covariances.
-    """
-    flat = np.frombuffer(entries)
-    size = math.isqrt(len(flat))
-    P = flat.reshape(size, size)
-    if size < ERROR and flat[0] == UNKNOWN:
-        array(P, (size, size), field, InvalidCovarianceError)
-        return None
-    return writable(covariance(P, size, field))

@@ -25,9 +25,9 @@ from ...tracking.hypotheses import UNKNOWN_SPIN, UNKNOWN_VELOCITY
 from ...tracking.measurements import PoseMeasurement
 from ...tracking.report import TrackStatus
 from .actions import write_path
+from .covariances import MOST_ANGLE_VARIANCE, MOST_POSITION_VARIANCE, CovarianceDefaults
 from .fields import packed, pose_message, stamp_of, twist_message, writable, xyz, xyzw
 from .prediction import write_state
-from .scene import CovarianceDefaults
 
 #: Standard deviation of a new object's pose, over that of its first observation, which corrects it.
 _BEFORE_FIRST = 10.0
@@ -61,7 +61,7 @@ def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> Pos
     """
     position = point(xyz(observed.pose.position), "pose.position")
     q = quaternion(xyzw(observed.pose.orientation), "pose.orientation")
-    P, _ = defaults.known_pose(observed.belief.pose_covariance, "pose.covariance")
+    P = defaults.known_pose(observed.belief.pose_covariance, "pose.covariance").with_unmeasured()
     to_body = np.eye(6)
     to_body[3:, 3:] = rotation_matrix(np.array(q)).T  # messages have rotations about fixed axes
     try:
@@ -72,9 +72,15 @@ def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> Pos
 
 def before_first(observed: ObjectState, defaults: CovarianceDefaults) -> ObjectState:
     """Return what is known of a new object before its first observation: nearly nothing."""
-    P, _ = defaults.known_pose(observed.belief.pose_covariance, "pose.covariance")
+    read = defaults.known_pose(observed.belief.pose_covariance, "pose.covariance")
+    # what is measured stays below the variances that mean that it is not
+    most = np.repeat([MOST_POSITION_VARIANCE, MOST_ANGLE_VARIANCE], 3)
+    least = np.maximum(read.P.diagonal(), np.finfo(float).tiny)
+    factor = np.minimum(_BEFORE_FIRST, np.sqrt(most / least))
+    P = read.P * np.outer(factor, factor)
+    P[read.unmeasured, read.unmeasured] = 2.0 * most[list(read.unmeasured)]
     state = ObjectState(id=observed.id, model=observed.model, pose=observed.pose, mass=observed.mass)
-    state.belief.pose_covariance = _BEFORE_FIRST**2 * P.ravel()
+    state.belief.pose_covariance = P.ravel()
     std = np.repeat([UNKNOWN_VELOCITY, UNKNOWN_SPIN], 3)
     state.belief.twist_covariance = np.diag(std**2).ravel()
     return state
