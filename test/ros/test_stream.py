@@ -15,8 +15,8 @@ from shape_msgs.msg import Plane
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from unc_physics.ros.clocks import stamp_problem
 from unc_physics.ros.detected import scene_of_detections
+from unc_physics.ros.messages.clocks import stamp_problem
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
@@ -256,7 +256,9 @@ def detections(make):
 def test_the_scene_of_detections():
     message = detections(lambda kind, **parts: SimpleNamespace(**parts))
     found, skipped = scene_of_detections(message, ModelLibrary(), 1.0)
-    assert skipped == {"detection_1": "detections[1].results must name a model: it is empty"}
+    assert skipped == {
+        "detection_1": "detections[1].results must name a model, with a finite score: none does"
+    }
     assert found.header.frame_id == "world"
     assert [(state.id, state.model) for state in found.objects] == [
         ("the can", "can"),

@@ -18,8 +18,8 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import Scene
 
 from ..checks.errors import UncPhysicsError
-from .clocks import on_clock_jump, stamp_problem
 from .detected import Detection3DArray, detected_object, scene_of_detections, settle_detected
+from .messages.clocks import on_clock_jump, stamp_problem
 from .messages.frames import Frames
 from .models import ModelLibrary
 from .node_environment import NodeEnvironment

@@ -15,9 +15,9 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import Prediction, PredictionRequest, Scene
 
 from ..checks.errors import PredictionTimeoutError
-from .clocks import stamp_age, stamp_problem
 from .diagnostics import ThrottledWarnings
 from .markers import MarkerTopic, OccupancyTopics
+from .messages.clocks import stamp_age, stamp_problem
 from .messages.fields import duration, seconds
 from .messages.prediction import write_answer
 from .messages.request import TimeLimits

@@ -23,9 +23,9 @@ from ..checks.names import hint
 from ..compiler.compile_time import clock
 from ..prediction.prediction import Prediction as CorePrediction
 from ..prediction.request_checks import marks_of
-from .clocks import on_clock_jump, stamp_age, stamp_problem
 from .detected import Detection3DArray, detected_object, scene_of_detections
 from .diagnostics import ThrottledWarnings
+from .messages.clocks import on_clock_jump, stamp_age, stamp_problem
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
 from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_marks

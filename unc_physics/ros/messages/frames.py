@@ -16,7 +16,7 @@ from unc_physics_msgs.msg import Environment, Scene
 from ...checks.errors import UncPhysicsError, UnknownFrameError
 from ...checks.validation import array, quaternion
 from ...spatial.rotation import multiply, rotation_matrix
-from ..clocks import both_clocks
+from .clocks import both_clocks
 from .covariances import UNKNOWN
 from .fields import packed, pose_message, xyz, xyzw
 

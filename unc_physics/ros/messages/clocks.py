@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 
-from .messages.fields import nanoseconds
+from .fields import nanoseconds
 
 
 def on_clock_jump(node, callback: Callable):
