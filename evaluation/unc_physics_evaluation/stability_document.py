@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from collections.abc import Set as AbstractSet
-from typing import NamedTuple
+
+import numpy as np
 
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnostics import RULES, raised
 from unc_physics.propagators.names import ANYTIME
 from unc_physics.propagators.registry import PROPAGATORS
+from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, POSITION, QUATERNION, STATE
 
 from . import everyday_cases
+from .answers import Answer, Moments, count, distance
 from .conservation import CHANGE, DRIFT, FINITE, GAIN, MOMENTUM, PASSED
 from .hard_cases import load, names
 from .methods import MONTE_CARLO, label
@@ -22,6 +24,7 @@ from .tables import table
 #: Names of methods and quantities in the rows, beside those of `conservation`.
 MEAN, TRUE = "mean", "truth"
 POSITION_STD, ROTATION_STD, EXTENT, MEASURE = "position_std", "rotation_std", "extent", "measure_"
+POSE = tuple(f"mean_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))
 GAIN_LIMIT, GAIN_GOAL, LOSS_LIMIT = 0.01, 0.001, 0.02
 GAIN_OF_ROLLOUTS = RULES["energy_error"].limit
 FOUND_GOAL, FALSE_GOAL = 0.95, 0.03
@@ -40,71 +43,10 @@ AT_REST = (
     "stack_of_three",
 )
 DRIFT_LIMIT = 1e-3  # of a body's extent in a second: 0.1 mm/s for 10 cm
-FACTOR = 2.0  # within which a spread is right
-POSITION_FLOOR = 1e-9  # of the body's extent: spreads below are nothing
-ROTATION_FLOOR = 1e-9  # rad
 #: Overlap that was resolved at the start is no doubt about the answer.
 IGNORED = Status.INITIAL_OVERLAP
 #: Measures that say to read modes or samples in place of the mean.
 SHAPE = {"outcomes", "mean_penetration", "rotation_std"}
-
-
-class Judged(NamedTuple):
-    """Comparison of a body's prediction with the truth.
-
-    Attributes
-    ----------
-    bad : bool
-        Whether a spread is off by more than a factor of 2, or not finite.
-    flagged : bool
-        Whether a flag is raised; for a good prediction, only flags that the truth does not confirm count.
-    """
-
-    bad: bool
-    flagged: bool
-
-
-class Rates(NamedTuple):
-    """Numbers of bad and of good predictions, and of flagged ones among each."""
-
-    bad: int
-    good: int
-    found: int
-    false: int
-
-
-def judge(
-    predicted,
-    truth,
-    extent: float,
-    reasons: AbstractSet[str],
-    confirmed: AbstractSet[str] = frozenset(),
-    impossible: bool = False,
-) -> Judged:
-    """Compare spreads (position [m], rotation [rad]) with the true ones for a body of an extent [m].
-
-    ``reasons`` are the measures that raise flags. Measures in ``confirmed`` are no false flags of right
-    spreads. An ``impossible`` prediction, with bodies that pass through each other or rollouts that gain
-    energy, is always bad.
-    """
-    position = _ratio(predicted[0], truth[0], POSITION_FLOOR * extent)
-    rotation = _ratio(predicted[1], truth[1], ROTATION_FLOOR)
-    bad = impossible or not all(1.0 / FACTOR <= ratio <= FACTOR for ratio in (position, rotation))
-    return Judged(bad, bool(reasons if bad else reasons - confirmed))
-
-
-def rates(judged) -> Rates:
-    """Count bad, good and flagged predictions."""
-    judged = list(judged)
-    bad = [one for one in judged if one.bad]
-    good = [one for one in judged if not one.bad]
-    return Rates(len(bad), len(good), sum(one.flagged for one in bad), sum(one.flagged for one in good))
-
-
-def _ratio(predicted, truth, floor):
-    if predicted <= floor and truth <= floor:
-        return 1.0
-    return predicted / truth if truth > 0.0 else math.inf
 
 
 class Found:
@@ -148,26 +90,33 @@ class Found:
         """Return a quantity of the scene; NaN without a row."""
         return self.of(case, method, quantity).get(0, math.nan)
 
-    def judged(self, case: str, method: str) -> list[Judged]:
-        """Compare each moving body's prediction with the truth; a failed prediction is bad and flagged."""
-        extents = self.of(case, TRUE, EXTENT)
-        if not self.one(case, method, FINITE):
-            return [Judged(True, True)] * len(extents)
-        spread = {
-            name: [self.of(case, name, quantity) for quantity in (POSITION_STD, ROTATION_STD)]
-            for name in (method, TRUE)
-        }
-        return [
-            judge(
-                [s[k] for s in spread[method]],
-                [s[k] for s in spread[TRUE]],
-                extent,
-                self._reasons(case, method, k),
-                self._confirmed(case, method, k),
-                self._impossible(case),
-            )
-            for k, extent in extents.items()
-        ]
+    def answers(self, case: str, method: str) -> list[Answer]:
+        """Compare each moving body's prediction with the truth.
+
+        A failed prediction is wrong and flagged. All are wrong where bodies pass through each other, or
+        rollouts gain energy. A flag of a good prediction is false unless the truth confirms it.
+        """
+        bodies, found = self.of(case, TRUE, EXTENT), []
+        for k in bodies:
+            if not self.one(case, method, FINITE):
+                found.append(Answer(math.inf, math.inf, True, True, False))
+                continue
+            errors = distance(self._moments(case, method, k), self._moments(case, TRUE, k))
+            if self._impossible(case):
+                errors = math.inf, math.inf
+            reasons = self._reasons(case, method, k)
+            falsely = bool(reasons - self._confirmed(case, method, k))
+            found.append(Answer(*errors, bool(reasons), falsely, False))
+        return found
+
+    def _moments(self, case, method, body):
+        """Return a body's mean pose, and a covariance with its standard deviations along one axis each."""
+        mean, P = np.zeros(STATE), np.zeros((ERROR, ERROR))
+        pose = [self.of(case, method, quantity)[body] for quantity in POSE]
+        mean[POSITION], mean[QUATERNION] = pose[:3], pose[3:]
+        for quantity, block in ((POSITION_STD, ERR_POSITION), (ROTATION_STD, ERR_ROTATION)):
+            P[block.start, block.start] = self.of(case, method, quantity)[body] ** 2
+        return Moments(mean, P)
 
     def _confirmed(self, case, method, body):
         """Return the measures of another method's samples that also exceed their limits.
@@ -260,30 +209,25 @@ def _loses_momentum(found, case):
 
 
 def _rates(results, found):
-    """Return the table of wrong and right predictions of bodies, and of the flagged ones among each."""
+    """Return the table of wrong and good predictions of bodies, and of the flagged ones among each."""
     groups = {"catalogue": found.hard, "the paper's scenes": found.paper, "everyday motions": found.everyday}
     lines = []
     for method in (*PROPAGATORS, None):
         methods = PROPAGATORS if method is None else [method]
         for group, cases in groups.items():
-            bodies = [
-                judged
+            counts = count(
+                answer
                 for case in cases
                 for name in methods
                 if name in found.propagators(case)
-                for judged in found.judged(case, name)
-            ]
-            counts = rates(bodies)
-            name = "all" if method is None else label(method)
-            lines.append(
-                [
-                    name,
-                    group,
-                    *(str(number) for number in (counts.bad, counts.found, counts.good, counts.false)),
-                ]
+                for answer in found.answers(case, name)
             )
+            name = "all" if method is None else label(method)
+            told = counts.wrong - counts.silent
+            numbers = counts.bodies, counts.wrong, told, counts.good, counts.false
+            lines.append([name, group, *map(str, numbers)])
     wanted = (
-        f"Wanted: {100 * FOUND_GOAL:.0f} % of wrong, at most {100 * FALSE_GOAL:.0f} % of right ones flagged."
+        f"Wanted: {100 * FOUND_GOAL:.0f} % of wrong, at most {100 * FALSE_GOAL:.0f} % of good ones flagged."
     )
-    head = ["propagator", "scenes", "wrong", "wrong and flagged", "right", "right and flagged"]
+    head = ["propagator", "scenes", "bodies", "wrong", "wrong and flagged", "good", "good and flagged"]
     return f"### Flags\n\n{wanted}\n\n" + results.table("flags", head, lines)

@@ -13,7 +13,7 @@ from unc_physics.propagators.registry import PROPAGATORS, make_propagator
 from unc_physics.propagators.start import constrain_belief
 from unc_physics.scene.belief import Belief
 from unc_physics.scene.scene import Scene
-from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION
+from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 
 from .. import everyday_cases
 from ..conservation import FINITE, GAIN, mean_gain, rollout_rows, trajectory
@@ -22,7 +22,17 @@ from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO
 from ..results import Results
 from ..scenarios import MANIPULATION, MODELS, collision, collision_free
-from ..stability_document import EXTENT, MEAN, MEASURE, POSITION_STD, ROTATION_STD, TRUE, runs_on, sections
+from ..stability_document import (
+    EXTENT,
+    MEAN,
+    MEASURE,
+    POSE,
+    POSITION_STD,
+    ROTATION_STD,
+    TRUE,
+    runs_on,
+    sections,
+)
 
 TITLE = "Stability"
 TRUTH, REFINED = 1000, 4  # samples of the truth, and how many times shorter its steps are
@@ -122,7 +132,7 @@ def _truth(given, job):
     fine = replace(given.scene, dt=given.scene.dt / p["refined"])
     truth = make_propagator(MONTE_CARLO, samples=p["draws"], seed=seed)
     belief = predict(fine, given.belief, truth, given.horizon).belief
-    rows = _spread_rows(TRUE, fine, belief, p["draws"], seed)
+    rows = _moment_rows(TRUE, fine, belief, p["draws"], seed)
     for k in given.scene.moving.tolist():
         rows.append(Row(TRUE, EXTENT, "m", 2.0 * given.scene.bodies[k].model.bounding_radius, None, k))
     return rows
@@ -147,7 +157,7 @@ def _prediction(given, name, job):
         carry = propagator.init(scene, constrain_belief(scene, belief))
         gain = mean_gain(scene, _rollouts(propagator, carry, scene, (0.0, *prediction.times)))
         rows.append(Row(name, GAIN, "1", gain))
-    rows += _spread_rows(name, scene, prediction.belief, samples, prediction.seed)
+    rows += _moment_rows(name, scene, prediction.belief, samples, prediction.seed)
     statuses = assess(prediction)
     for k in scene.moving.tolist():
         rows += [
@@ -167,12 +177,20 @@ def _rollouts(propagator, carry, scene, times):
         yield propagator.rollout_states(carry, scene)
 
 
-def _spread_rows(method, scene, belief, samples, seed):
-    """Return rows of standard deviations of each body's position and rotation; the replicate is the body."""
+def _moment_rows(method, scene, belief, samples, seed):
+    """Return rows of each body's mean pose, and of the standard deviations of its position and rotation.
+
+    The replicate is the body.
+    """
     rows = []
     for k, P in zip(scene.moving.tolist(), belief.blocks, strict=True):
         for quantity, unit, block in ((POSITION_STD, "m", ERR_POSITION), (ROTATION_STD, "rad", ERR_ROTATION)):
             rows.append(
                 Row(method, quantity, unit, float(max(P[block, block].trace(), 0.0) ** 0.5), samples, k, seed)
             )
+        pose = [*belief.mean[k, POSITION], *belief.mean[k, QUATERNION]]
+        rows += [
+            Row(method, quantity, "m" if n < 3 else "1", float(value), samples, k, seed)
+            for n, (quantity, value) in enumerate(zip(POSE, pose, strict=True))
+        ]
     return rows
