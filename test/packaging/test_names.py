@@ -22,8 +22,6 @@ NAMES = {
 #: Tokens with words; Python 3.12 splits formatted texts.
 WORDS = (tokenize.NAME, tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING))
 NAMED = re.compile(r"(?<![\w])(" + "|".join(sorted(NAMES)) + r")(?!\w)")
-#: Files that simulate samples to compare with the predictions of all propagators.
-SAMPLES = ("first_contacts.py",)
 
 
 def named(source):
@@ -43,7 +41,7 @@ def test_no_propagator_is_named():
     assert list(named(source)) == found
     for folder in ("scene", "collision", "dynamics", "prediction", "cli", "ros"):
         for path in sorted((PACKAGE / folder).rglob("*.py")):
-            assert not list(named(path.read_text())) or path.name in SAMPLES, path
+            assert not list(named(path.read_text())), path
 
 
 def test_class_names_are_unique():

@@ -6,7 +6,6 @@ from plain_scenes import BALL, BLOCK, independent, state
 
 from unc_physics import Belief, Plane, PosePath, RigidBody, Scene, Touches, Wrench, make_propagator, predict
 from unc_physics.checks.errors import InvalidHorizonError
-from unc_physics.prediction.first_contacts import first_contacts
 from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.scene import contact_world
 from unc_physics.scene.marks import mark_at, whole
@@ -106,10 +105,7 @@ def test_a_contact_between_two_steps_counts_from_then_on():
         prediction = predict(scene, belief, propagator, 0.1, times=times, events=[touches])
         shares = [prediction.probability(touches, time=t).estimate for t in times]
         assert shares == [0.0, 1.0]
-    flights = first_contacts(prediction.scene, belief, [mark_at(t, DT) for t in times], 5)
-    before, after = (flight.first_contacts[:, 0, 1] for flight in flights)
-    assert np.isinf(before).all()
-    np.testing.assert_allclose(after, moment, atol=2e-4)
+    assert prediction.contact_time(touches, time=times[1]).mean == pytest.approx(moment, abs=2e-4)
 
 
 # -- later answers are the same to the last bit ------------------------------------------------------

@@ -4,9 +4,8 @@ import pytest
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
 from in_process import FRAMES
-from scenes import explicit, good_request, moving_object, request_of, with_physics
+from scenes import good_request
 
-from unc_physics import AtRest
 from unc_physics.propagators.auto import FIRST_RUNS, Auto
 from unc_physics.ros.messages.request import TimeLimits, read_request
 from unc_physics.ros.models import ModelLibrary
@@ -37,18 +36,3 @@ def test_the_nodes_time_budget_is_for_requests_without_goals(goals, expected):
 
 def test_a_time_budget_that_is_used_up_leaves_the_first_rollouts():
     assert len(job_of(1e-9).run().at().rollout_states) == FIRST_RUNS
-
-
-def test_flights_bound_probabilities_of_short_predictions_alone():
-    """A body on its own keeps its speed for certain, as flights say; many of their steps take long."""
-    own = moving_object()
-    widths = []
-    for horizon in (39.0, 41.0):  # s, of 100 steps each
-        request = explicit(
-            request_of(own, horizon=horizon, propagator="surrogate", return_probabilities=True)
-        )
-        request = with_physics(request, dt=0.01)
-        job = read_request(request, Settings(), ModelLibrary(), FRAMES)
-        found = job.run().probability(AtRest("left"))
-        widths.append(found.high - found.low)
-    assert widths[0] < 0.1 and widths[1] == 1.0

@@ -28,7 +28,7 @@ from .compute_budget import LOOK_UP_AFTER, ComputeBudget, first_piece
 from .events import Event, RolloutOutcomes
 from .probability import NORMAL_QUANTILE, interval
 from .rare_outcomes import WIDE_ROLLOUTS, tail_factors
-from .snapshot import Snapshot
+from .snapshot import Counted, Snapshot
 
 _OUTCOMES_AT_ONCE = 8192  # outcomes of several times in which events are evaluated together
 
@@ -158,6 +158,27 @@ def run(
     return _Propagation(scene, given, propagator, marks, compute_budget, events).run(progress, earlier)
 
 
+def counted_rollouts(
+    scene: Scene,
+    given: Belief,
+    propagator: Anytime,
+    marks: Sequence[Mark],
+    compute_budget: ComputeBudget,
+    progress: Callable[[int, int], object] | None,
+    events: Sequence[Event],
+) -> list[Counted]:
+    """Return rollouts at each mark, enough for the probabilities of ``events``; parameters as `run`.
+
+    Raises
+    ------
+    PredictionTimeoutError
+        If time ran out within the first rollouts.
+    DivergedError
+        If a rollout is not finite.
+    """
+    return _Propagation(scene, given, propagator, marks, compute_budget, events).counted(progress)
+
+
 class _Propagation:
     """Propagation of one belief to all marks; the parameters are those of `run`."""
 
@@ -215,6 +236,20 @@ class _Propagation:
         return result._replace(
             snapshots=tuple(one if states is None else replace(one, wide=states) for one, states in pairs)
         )
+
+    def counted(self, progress):
+        """Return the rollouts of `counted_rollouts`."""
+        propagator: Any = self._propagator
+        begin = partial(propagator.init, self._scene, self._belief)
+        first = list(self._simulate(begin, self._marks, progress))[1:]
+        waiting, _ = self._with_additional_rollouts(first)
+        found = [
+            Counted(propagator.rollout_states(carry, self._scene), carry.contact_history.first_time)
+            for _, carry in waiting
+        ]
+        if not all(np.isfinite(one.states).all() for one in found):
+            raise DivergedError("diverged", field="events")
+        return found
 
     def _simulate(self, begin, marks, progress=None):
         """Yield carries as `simulate`."""

@@ -58,17 +58,6 @@ class RolloutOutcomes(NamedTuple):
     states: np.ndarray  # (N, B, 13): at that time, as in `Belief.mean`
     #: (N, B, B + E): times of first contacts [s], as in `ContactHistory`; None where they are not known
     first_contacts: np.ndarray | None = None
-    #: (N, B): time from which on nothing is known of a body [s], infinite for one that is known to the
-    #: end; None where all are
-    known_until: np.ndarray | None = None
-
-    def known_until_of(self, names: Iterable[str]) -> np.ndarray:
-        """Return the times (N,) until which all of some bodies are known [s]; elements have no limit."""
-        until = np.full(len(self.states), np.inf)
-        for k, body in enumerate(self.scene.bodies):
-            if self.known_until is not None and body.name in names:
-                until = np.minimum(until, self.known_until[:, k])
-        return until
 
 
 class Event(ABC):
@@ -78,8 +67,8 @@ class Event(ABC):
     needs_contacts: bool = False
 
     @abstractmethod
-    def bounds(self, outcomes: RolloutOutcomes) -> tuple[np.ndarray, np.ndarray]:
-        """Return in which outcomes (N,) the event certainly happens, and in which it may happen."""
+    def happened(self, outcomes: RolloutOutcomes) -> np.ndarray:
+        """Return in which outcomes (N,) the event happens."""
 
     @abstractmethod
     def check(self, scene: Scene, field: str) -> None:
@@ -89,10 +78,6 @@ class Event(ABC):
     @abstractmethod
     def names(self) -> frozenset[str]:
         """Names of the bodies and elements that it is about."""
-
-    def happened(self, outcomes: RolloutOutcomes) -> np.ndarray:
-        """Return in which outcomes (N,) the event certainly happens."""
-        return self.bounds(outcomes)[0]
 
     def margin(self, outcomes: RolloutOutcomes) -> float | None:
         """Return the median distance of the outcomes from the event's border, in standard deviations.
@@ -153,10 +138,8 @@ class BodyEvent(Event):
 
     object: str
 
-    def bounds(self, outcomes):
-        happened = self.distances(outcomes) > 0.0
-        known = np.isinf(outcomes.known_until_of(self.names))
-        return happened & known, happened | ~known
+    def happened(self, outcomes):
+        return self.distances(outcomes) > 0.0
 
     def scaled_distances(self, outcomes):
         found = self.distances(outcomes)
@@ -370,21 +353,14 @@ class Touches(BodyEvent):
     def names(self):
         return frozenset([self.object, self.other])
 
-    def bounds(self, outcomes):
-        happened = np.isfinite(self.first_times(outcomes))
-        return happened, happened | np.isfinite(outcomes.known_until_of(self.names))
-
     def first_times(self, outcomes: RolloutOutcomes) -> np.ndarray:
         """Return the times of the first contact (N,) [s], infinite without one."""
         b, columns = _body(self.object, outcomes.scene), self._columns(outcomes.scene, "other")
         first = outcomes.first_contacts
         assert first is not None
         if isinstance(columns, int):  # another body; a pair is kept under the lower index
-            first = first[:, min(b, columns), max(b, columns)]
-        else:
-            first = first[:, b, columns].min(axis=1, initial=np.inf)
-        # after a body is not known any more, others touch it where it is not
-        return np.where(first <= outcomes.known_until_of(self.names), first, np.inf)
+            return first[:, min(b, columns), max(b, columns)]
+        return first[:, b, columns].min(axis=1, initial=np.inf)
 
     def scaled_distances(self, outcomes):
         return None
@@ -437,9 +413,8 @@ class _Pair(Event):
             return other if one is None else one
         return self.combine(one, other)
 
-    def bounds(self, outcomes):
-        pairs = zip(self.one.bounds(outcomes), self.other.bounds(outcomes), strict=True)
-        return tuple(self.combine(one, other) for one, other in pairs)
+    def happened(self, outcomes):
+        return self.combine(self.one.happened(outcomes), self.other.happened(outcomes))
 
 
 class _Both(_Pair):
@@ -478,9 +453,8 @@ class _Not(Event):
     def names(self):
         return self.event.names
 
-    def bounds(self, outcomes):
-        certainly, possibly = self.event.bounds(outcomes)
-        return ~possibly, ~certainly
+    def happened(self, outcomes):
+        return ~self.event.happened(outcomes)
 
     def scaled_distances(self, outcomes):
         found = self.event.scaled_distances(outcomes)

@@ -4,31 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from ..checks.errors import UncPhysicsError
+from ..checks.errors import DivergedError, PredictionTimeoutError, UncPhysicsError
 from ..checks.validation import instance, positive
 from ..compiler.compile_time import clock
 from ..compiler.time_limit import time_limit
-from ..propagators.base import Anytime, Propagator, Samples
-from ..propagators.names import DEFAULT
+from ..propagators.base import Propagator, Samples
+from ..propagators.names import ANYTIME, DEFAULT
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.marks import Mark
-from ..scene.materials import Materials
 from ..scene.scene import Scene
 from .compute_budget import ComputeBudget
-from .driver import points_at_start, run
+from .driver import counted_rollouts, points_at_start, run
 from .events import Event, checked_events
-from .first_contacts import first_contacts
 from .prediction import Prediction
 from .probability import is_certain
 from .request_checks import check_memory, checked_marks
 from .simulated_scene import left_out, without, without_idle_parts
-
-#: Number of flights until the first contacts, if events are requested.
-FLIGHTS = 1000
 
 
 def predict(
@@ -65,8 +61,9 @@ def predict(
         from it ends the prediction. An `UncPhysicsError` then has a ``prediction`` that ends at the time
         reached, or None before the first step.
     events : iterable of Event, optional
-        Those that `Prediction.probability` will be asked for. Propagators without rollouts then also simulate
-        flights of the initial belief up to the first contacts. These do not count as computation time.
+        Those that `Prediction.probability` will be asked for. For propagators without samples, rollouts are
+        simulated beside the prediction, as many as the intervals need. If time runs out in them, or they
+        diverge, the intervals are 0 to 1.
 
     Returns
     -------
@@ -141,11 +138,14 @@ def predict_marks(
         compute_budget = ComputeBudget(allowed, started, limit if ends_early else None)
         try:
             prediction = prediction_of(run(scene, belief, propagator, marks, compute_budget, progress, asked))
+            if asked:
+                prediction = _with_counted(prediction, marks, compute_budget, progress, asked)
+                prediction = replace(prediction, wall_time=clock() - started)
         except UncPhysicsError as error:
             if error.prediction is not None:
                 error.prediction = prediction_of(error.prediction)
             raise
-    return _with_flights(prediction, marks) if asked else prediction
+    return prediction
 
 
 def prepare(scene: Scene, belief: Belief, propagator: Propagator, marks: Sequence[Mark]) -> Scene:
@@ -158,27 +158,27 @@ def prepare(scene: Scene, belief: Belief, propagator: Propagator, marks: Sequenc
     return scene
 
 
-def _with_flights(prediction, marks):
-    """Return the prediction with flights at each time, unless the propagator's own samples suffice."""
-    scene, last = prediction.scene, prediction.at()
-    propagator = prediction.propagator
-    enough = isinstance(propagator, Anytime) or (isinstance(propagator, Samples) and not propagator.resamples)
-    if (
-        enough
-        or _has_uncertain_flight(scene)
-        or not len(scene.moving)
-        or is_certain(scene, prediction.initial, last)
-    ):
+def _with_counted(prediction, marks, compute_budget, progress, events):
+    """Return the prediction with rollouts for the events, unless it has samples or only one outcome.
+
+    If they diverge or time runs out, the prediction stays without them.
+    """
+    scene, initial = prediction.scene, prediction.initial
+    if isinstance(prediction.propagator, Samples) or is_certain(scene, initial, prediction.at()):
         return prediction
-    pairs = zip(prediction.snapshots, first_contacts(scene, prediction.initial, marks, FLIGHTS), strict=True)
-    return replace(
-        prediction, snapshots=tuple(replace(snapshot, flights=flights) for snapshot, flights in pairs)
-    )
+    propagator: Any = make_propagator(ANYTIME, error=0.0, spread_error=0.0)
+    check_memory(scene, initial, propagator, len(marks))
 
+    def done(_, count):  # all steps are done, but an exception still ends the prediction
+        progress(count, count)
 
-def _has_uncertain_flight(scene):
-    """Return whether uncertain parameters matter before the first contact."""
-    return any(parameter.name not in Materials._fields for parameter in scene.uncertain)
+    report = None if progress is None else done
+    try:
+        found = counted_rollouts(scene, initial, propagator, marks, compute_budget, report, events)
+    except (PredictionTimeoutError, DivergedError):
+        return prediction
+    pairs = zip(prediction.snapshots, found, strict=True)
+    return replace(prediction, snapshots=tuple(replace(one, counted=counted) for one, counted in pairs))
 
 
 def start_belief(scene: Scene, belief: Belief) -> Belief:

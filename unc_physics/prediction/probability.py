@@ -1,10 +1,9 @@
-"""Probabilities of events, counted in the samples, rollouts or flights of a prediction.
+"""Probabilities of events, counted in the rollouts of a prediction.
 
-An estimate has an interval for the finite number of rollouts and the limits of the method. The Gaussian of a
-propagator without samples is no measure of probability once bodies have touched
-(``python -m unc_physics evaluate calibration``). Such a prediction uses samples of the initial belief that
-fly until their first contacts (`first_contacts`). A flight that does not decide the event counts half. If no
-flight decides it, the Gaussian answers.
+An estimate has an interval for the finite number of rollouts. The Gaussian of a propagator without samples is
+no measure of probability once bodies have touched (``python -m unc_physics evaluate calibration``). `predict`
+simulates rollouts beside it for the events that it is given (`snapshot.Counted`). The Gaussian answers for
+other events.
 """
 
 from __future__ import annotations
@@ -33,18 +32,15 @@ class _Source(NamedTuple):
     rollouts: int
 
 
-_found: weakref.WeakKeyDictionary[Snapshot, tuple[_Source, ...]] = weakref.WeakKeyDictionary()
+_found: weakref.WeakKeyDictionary[Snapshot, _Source] = weakref.WeakKeyDictionary()
 
 
 def probability(scene: Scene, initial: Belief, snapshot: Snapshot, event: Event) -> Probability:
-    """Return the probability of an event at a snapshot's time, by the method with the narrowest interval.
-
-    ``initial`` is the given belief at time 0.
-    """
+    """Return the probability of an event at a snapshot's time; ``initial`` is the given belief at time 0."""
     if not event.needs_contacts and not event.names & {body.name for body in scene.bodies if body.free}:
         mean = RolloutOutcomes(scene, initial.mean, snapshot.belief.mean[None])
         return _counted(event, _Source("certain", mean, 1))
-    return _best(event, _sources(scene, initial, snapshot))[0]
+    return _counted(event, _source(scene, initial, snapshot))
 
 
 def contact_time(scene: Scene, initial: Belief, snapshot: Snapshot, event: Touches) -> ContactTime | None:
@@ -52,8 +48,7 @@ def contact_time(scene: Scene, initial: Belief, snapshot: Snapshot, event: Touch
 
     The arguments are those of `probability`.
     """
-    _, best = _best(event, _sources(scene, initial, snapshot))
-    times = event.first_times(best.outcomes).astype(float)
+    times = event.first_times(_source(scene, initial, snapshot).outcomes).astype(float)
     times = times[np.isfinite(times)]
     return ContactTime(float(times.mean()), float(times.std())) if len(times) else None
 
@@ -86,46 +81,34 @@ def interval(share: float, count: int) -> tuple[float, float]:
     return 0.0 if share == 0.0 else middle - half, 1.0 if share == 1.0 else middle + half
 
 
-def _best(event, sources):
-    """Return the probability of an event with the narrowest interval, and its source."""
-    found = [(_counted(event, source), source) for source in sources]
-    return min(found, key=lambda pair: pair[0].high - pair[0].low)
-
-
 def _counted(event, source):
-    """Return the probability of an event from one source."""
-    certainly, possibly = event.bounds(source.outcomes)
-    low, high = float(certainly.mean()), float(possibly.mean())
-    estimate = 0.5 * (low + high)
+    """Return the probability of an event from its source."""
+    estimate = float(event.happened(source.outcomes).mean())
+    low, high = estimate, estimate
     if source.method == "gaussian":
         low, high = 0.0, 1.0
     elif source.method != "certain":
-        low, high = interval(low, source.rollouts)[0], interval(high, source.rollouts)[1]
+        low, high = interval(estimate, source.rollouts)
     # round-off must not leave the estimate outside
     return Probability(estimate, min(low, estimate), max(high, estimate), source.method, source.rollouts)
 
 
-def _sources(scene, initial, snapshot):
-    """Return the sources in which events are counted: rollouts with their contacts, and flights."""
+def _source(scene, initial, snapshot):
+    """Return the outcomes in which events are counted."""
     if snapshot not in _found:
-        _found[snapshot] = _sources_of(scene, initial, snapshot)
+        _found[snapshot] = _source_of(scene, initial, snapshot)
     return _found[snapshot]
 
 
-def _sources_of(scene, initial, snapshot):
+def _source_of(scene, initial, snapshot):
     states, first, start = snapshot.rollout_states, snapshot.first_contacts, initial.mean
     if is_certain(scene, initial, snapshot):
         only = snapshot.belief.mean[None] if states is None else states[:1]
-        certain = _Source("certain", RolloutOutcomes(scene, start, only, first[:1]), 1)
-        return (certain,)
-    found = []
-    if states is None:  # ahead of flights: these count only where their interval is narrower
+        return _Source("certain", RolloutOutcomes(scene, start, only, first[:1]), 1)
+    if snapshot.counted is not None:
+        states, first = snapshot.counted
+    if states is None:
         drawn = snapshot.belief.sample(_DRAWN, np.random.default_rng(0))
         outcomes = RolloutOutcomes(scene, start, drawn, first[np.arange(_DRAWN) % len(first)])
-        found.append(_Source("gaussian", outcomes, len(first)))
-    else:
-        found.append(_Source("samples", RolloutOutcomes(scene, start, states, first), len(states)))
-    if snapshot.flights is not None:
-        outcomes = RolloutOutcomes(scene, start, *snapshot.flights)
-        found.append(_Source("flights", outcomes, len(outcomes.states)))
-    return tuple(found)
+        return _Source("gaussian", outcomes, len(first))
+    return _Source("samples", RolloutOutcomes(scene, start, states, first), len(states))

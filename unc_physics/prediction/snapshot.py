@@ -14,7 +14,6 @@ from ..propagators.point_pairs import opposite_points
 from ..scene.belief import Belief
 from ..scene.origins import gaussian_at_origins, points_at_origins, states_at_origins
 from ..scene.scene import Scene
-from .first_contacts import Flights
 
 
 @dataclass(frozen=True)
@@ -28,14 +27,13 @@ class Probability:
     low, high : float
         Interval that holds the true probability of the model in all but one of a thousand answers; 0 and 1 if
         nothing is known.
-    method : {'samples', 'flights', 'gaussian', 'certain'}
-        ``samples``: share of the propagator's samples or rollouts. ``flights``: share of samples of the
-        initial belief that fly until their first contacts; flights that do not decide the event count half.
+    method : {'samples', 'gaussian', 'certain'}
+        ``samples``: share of rollouts, which `predict` simulates for events where the propagator has none.
         ``gaussian``: share of states drawn from the belief, or of the propagator's rollouts for contacts.
         After a contact this is not a probability, so that the interval is 0 to 1. ``certain``: there is only
         one outcome.
     rollouts : int
-        Number of simulated rollouts or flights behind the estimate.
+        Number of simulated rollouts behind the estimate.
     """
 
     estimate: float
@@ -57,6 +55,13 @@ class ContactTime(NamedTuple):
 
     mean: float
     std: float
+
+
+class Counted(NamedTuple):
+    """R rollouts up to one time, in which events are counted."""
+
+    states: np.ndarray  # (R, B, 13)
+    first_contacts: np.ndarray  # (R, B, B + E), as in `Snapshot`
 
 
 @dataclass(eq=False)
@@ -89,9 +94,9 @@ class Snapshot:
     first_contacts : (R, B, B + E) array or None
         When bodies i < j, or body i and element j - B, first touched in each rollout, up to this time [s];
         infinite without contact.
-    flights : Flights or None
-        Samples of the initial belief up to their first contacts, where `predict` was asked for events that
-        need them.
+    counted : Counted or None
+        Rollouts in which events are counted instead, where the propagator has no samples and `predict` was
+        asked for events.
     wide : (R, B, 13) array or None
         States of rollouts of a belief that is twice as wide, where the propagator looked for rare outcomes.
     """
@@ -103,7 +108,7 @@ class Snapshot:
     drawn: Callable[[], np.ndarray] | None = None
     points: np.ndarray | None = None
     first_contacts: np.ndarray | None = None
-    flights: Flights | None = None
+    counted: Counted | None = None
     wide: np.ndarray | None = None
     _derived: _Derived = field(default_factory=_Derived, init=False, repr=False)
 

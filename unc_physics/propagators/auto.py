@@ -82,8 +82,8 @@ class Auto(Cloud, Anytime):
         return max(additional, 0)
 
     def looks_far(self, carry, scene):
-        """Return whether contacts are hard, and neither time nor another limit ends the prediction."""
-        limited = self.time > 0.0 or len(carry.states) >= self.runs
+        """Return whether contacts are hard, spreads have a limit, and no other limit ends the prediction."""
+        limited = self.time > 0.0 or len(carry.states) >= self.runs or self.spread_error == 0.0
         return scene.integrator != "explicit" and not limited and not settled(self._runs(carry), scene)
 
     def measures(self, carry, scene):
@@ -92,15 +92,16 @@ class Auto(Cloud, Anytime):
     def _excess(self, carry, scene):
         """Return the largest error of each body over its limit (B,), above 1 for fewer than 32 rollouts."""
         result = np.zeros(len(carry.mean))
+        limits = self.error, self.spread_error, self.position_error, self.rotation_error
         if settled(self._runs(carry), scene):
             return result
-        of_rotations = self.standard_errors if self.rotation_error > 0.0 else self._straight_errors
-        errors = of_rotations(carry, scene)
-        limits = self.error, self.spread_error, self.position_error, self.rotation_error
-        measured = errors.relative, errors.spread, errors.position, errors.rotation
-        for limit, error in zip(limits, measured, strict=True):
-            if limit > 0.0:
-                result = np.maximum(result, error / limit)
+        if any(limits):  # which take a fit
+            of_rotations = self.standard_errors if self.rotation_error > 0.0 else self._straight_errors
+            errors = of_rotations(carry, scene)
+            measured = errors.relative, errors.spread, errors.position, errors.rotation
+            for limit, error in zip(limits, measured, strict=True):
+                if limit > 0.0:
+                    result = np.maximum(result, error / limit)
         return np.maximum(result, FIRST_RUNS / len(carry.states))
 
     def _wanted(self, carry, scene, spent):

@@ -98,9 +98,7 @@ def report(results: Results) -> str:
     groups = {
         f"Monte Carlo, {COUNTS[0]} samples": asked.where(method=MONTE_CARLO, samples=COUNTS[0]),
         "auto, with named events": asked.where(method="auto"),
-        "flights up to the first contacts\n(all propagators without samples)": asked.where(
-            method="sigma_points"
-        ),
+        "sigma points, with named events": asked.where(method="sigma_points"),
     }
     figure = results.figure("calibration")
     draw_calibration(figure, groups, KINDS, TOLERANCE)

@@ -59,9 +59,6 @@ _TARGETS = {
 }
 # how far a budget of time may be exceeded: as a share of it, and in any case [s]
 _OVER_BUDGET, _OVER_ANY_BUDGET = 0.05, 0.025
-# most time steps times moving bodies for which samples fly up to their first contacts; with more, the flights
-# would take longer than the prediction of propagators without samples
-_MOST_FLIGHT_STEPS = 4000
 _SEED_BITS = 53  # largest integers that JavaScript and MATLAB clients represent exactly
 
 
@@ -188,7 +185,6 @@ class Job:
         UncPhysicsError
             As `predict`, with the prediction until then as its ``prediction``.
         """
-        steps = len(self.scene.moving) * self.horizon / self.scene.dt
         try:
             return predict_marks(
                 self.scene,
@@ -197,7 +193,7 @@ class Job:
                 self.marks,
                 max_computation_time=self.max_computation_time,
                 progress=progress,
-                events=self.events if steps <= _MOST_FLIGHT_STEPS else (),
+                events=self.events,
             )
         except PredictionTimeoutError as error:
             budget = getattr(self.propagator, "time", 0.0)
