@@ -10,9 +10,10 @@
 # make wheels   a wheel with compiled kernels for each Python 3.11, 3.12 and 3.13 found, and one without, in dist/
 # make release  wheels, source distribution and notes of a release, checked, in dist/; needs an hour
 # make soak   random and malformed requests to the node for ten minutes, a robot's day in five, and its memory
-# make clean  remove .venv and what builds leave behind
+# make clean  remove .venv, if make made it, and what builds leave behind
 #
-# PYTHON=... chooses the Python, 3.11 or 3.12. Each step leaves a stamp in .venv, so an interrupted one is made again.
+# PYTHON=... chooses the Python, 3.11 or 3.12, and VENV=... another folder than .venv. Each step leaves a stamp in it,
+# so an interrupted one is made again. A folder without stamps is somebody else's, and stays as it is.
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -120,7 +121,8 @@ soak: venv
 	@$(VENV_PYTHON) test/ros/day_on_a_robot.py
 
 clean:
-	rm -rf .venv dist {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated install log unc_physics/__pycache__/kernels-* unc_physics/kernels .pytest_cache .hypothesis .ruff_cache .import_linter_cache
+	@if [[ -d $(MADE) ]]; then rm -rf $(VENV); fi
+	rm -rf dist {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated install log unc_physics/__pycache__/kernels-* unc_physics/kernels .pytest_cache .hypothesis .ruff_cache .import_linter_cache
 
 # A Python fits if it runs at all (a shim may not), can make a venv, and has the headers to compile against.
 define FITS
@@ -131,10 +133,14 @@ endef
 export FITS
 
 $(MADE)/python:
-	@for python in $(or $(PYTHON),python3.12 python3.11 python3); do \
+	@if [[ -e $(VENV) && ! -d $(MADE) ]]; then \
+	    echo "$(VENV) was not made by make, and would be erased. Move it away, or choose another folder, as with" \
+	        "\`make VENV=.venv-ros\`." >&2; exit 1; \
+	fi; \
+	for python in $(or $(PYTHON),python3.12 python3.11 python3); do \
 	    if "$$python" -c "$$FITS" 2>/dev/null; then \
 	        echo "Making .venv with $$("$$python" --version) ..."; \
-	        "$$python" -m venv --clear $(VENV) && $(PIP) pip && mkdir -p $(MADE) && echo "$(CURDIR)" > $@; \
+	        rm -rf $(VENV) && mkdir -p $(MADE) && "$$python" -m venv $(VENV) && $(PIP) pip && echo "$(CURDIR)" > $@; \
 	        exit; \
 	    fi; \
 	done; \

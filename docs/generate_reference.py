@@ -27,6 +27,7 @@ ROS_MODULES = [  # of the node and its client; the site is built without ROS, to
     "rcl_interfaces",
     "rclpy",
     "shape_msgs",
+    "trajectory_msgs",
     "unc_physics_msgs",
 ]
 SCHEMAS = {

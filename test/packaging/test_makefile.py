@@ -68,4 +68,16 @@ def test_python_that_does_not_run_is_passed_over_and_moved_venv_is_made_anew(fol
     assert run(["make", "-s", "-n", *step], cwd=folder, env=env).stdout == ""
 
     moved = folder.rename(tmp_path / "moved")
-    assert "venv --clear" in run(["make", "-s", "-n", *step], cwd=moved, env=env).stdout
+    assert "-m venv" in run(["make", "-s", "-n", *step], cwd=moved, env=env).stdout
+
+
+@pytest.mark.parametrize("target", [".venv/made/python", "clean"])
+def test_venv_of_somebody_else_stays(folder, target):
+    kept = folder / ".venv" / "pyvenv.cfg"
+    kept.parent.mkdir()
+    kept.write_text("home = elsewhere\n")
+    done = run(["make", "-s", target], cwd=folder, env=clean_environment(), check=False)
+    assert kept.read_text() == "home = elsewhere\n"
+    if target != "clean":
+        assert done.returncode
+        assert "make VENV=" in done.stderr
