@@ -18,18 +18,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 OUTPUT = ROOT / "docs" / "reference" / "generated"
-ROS_MODULES = [  # of the node and its client; the site is built without ROS, too
-    "action_msgs",
-    "builtin_interfaces",
-    "diagnostic_msgs",
-    "geometry_msgs",
-    "moveit_msgs",
-    "rcl_interfaces",
-    "rclpy",
-    "shape_msgs",
-    "trajectory_msgs",
-    "unc_physics_msgs",
-]
+#: Packages of ROS that the node and its client import; the site is built without ROS, too.
+ROS_MODULES = sorted(
+    {
+        name
+        for path in (ROOT / "unc_physics" / "ros").rglob("*.py")
+        for name in re.findall(r"^(?:from|import) (rclpy|\w+_msgs|\w+_interfaces)\b", path.read_text(), re.M)
+    }
+)
 SCHEMAS = {
     "scene": ("Scene files", "The keys of a scene file, which `load_scene` and the commands read."),
     "prediction": ("JSON output", "The keys of the object that `predict --json` prints."),
