@@ -79,14 +79,19 @@ class Counts(NamedTuple):
     false: int
 
 
-def distance(predicted: Moments, truth: Moments) -> tuple[float, float]:
-    """Return `Answer.factor` and `Answer.mean_error` of a body."""
+def distance(
+    predicted: Moments, truth: Moments, least: tuple[float, float] = (0.0, 0.0)
+) -> tuple[float, float]:
+    """Return `Answer.factor` and `Answer.mean_error` of a body.
+
+    Means within ``least`` [m], [rad] of each other count as equal.
+    """
     factor = max(max(a / b, b / a) for a, b in zip(predicted.spreads, truth.spreads, strict=True))
     shift = np.linalg.norm(predicted.mean[POSITION] - truth.mean[POSITION])
     cosine = abs(predicted.mean[QUATERNION] @ truth.mean[QUATERNION])
     angle = 2.0 * math.acos(min(cosine, 1.0))
-    position, rotation = truth.spreads
-    return factor, max(shift / position, angle / rotation)
+    errors = zip((shift, angle), truth.spreads, least, strict=True)
+    return factor, max(float(error / spread) * (error > small) for error, spread, small in errors)
 
 
 def count(answers: Iterable[Answer]) -> Counts:

@@ -42,6 +42,9 @@ AT_REST = (
     "rest_sliding",
     "stack_of_three",
 )
+#: Error of means that a finite step may make, over a body's extent (rotations: over half of it, in rad): the
+#: truth's steps are shorter, and a belief without spread would count any difference as wrong.
+STEP_ERROR = 0.01
 DRIFT_LIMIT = 1e-3  # of a body's extent in a second: 0.1 mm/s for 10 cm
 #: Overlap that was resolved at the start is no doubt about the answer.
 IGNORED = Status.INITIAL_OVERLAP
@@ -101,7 +104,8 @@ class Found:
             if not self.one(case, method, FINITE):
                 found.append(Answer(math.inf, math.inf, True, True, False))
                 continue
-            errors = distance(self._moments(case, method, k), self._moments(case, TRUE, k))
+            least = STEP_ERROR * bodies[k], 2.0 * STEP_ERROR
+            errors = distance(self._moments(case, method, k), self._moments(case, TRUE, k), least)
             if self._impossible(case):
                 errors = math.inf, math.inf
             reasons = self._reasons(case, method, k)
