@@ -23,7 +23,9 @@ ROS_MODULES = sorted(
     {
         name
         for path in (ROOT / "unc_physics" / "ros").rglob("*.py")
-        for name in re.findall(r"^(?:from|import) (rclpy|\w+_msgs|\w+_interfaces)\b", path.read_text(), re.M)
+        for name in re.findall(
+            r"^(?:from|import) (rclpy|\w+_msgs|\w+_interfaces)\b", path.read_text(), re.MULTILINE
+        )
     }
 )
 SCHEMAS = {
