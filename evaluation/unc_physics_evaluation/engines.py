@@ -60,6 +60,7 @@ class PrincipalBody:
         moments, axes = np.linalg.eigh(body.unit_inertia)
         axes[:, 2] *= np.linalg.det(axes)
         self.mass, self.name, self._model = body.mass, body.name, body.model
+        self.prescribed = body.trajectory is not None
         self.inertia = body.mass * moments
         self.centers, self.radii = body.model.centers @ axes, body.model.radii
         self.axes = Rotation.from_matrix(axes)
@@ -407,7 +408,8 @@ def _mjcf(scene, bodies, geometry):
             ]
         inertia = " ".join(repr(value) for value in body.inertia.tolist())
         inertial = f'<inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>'
-        text.append(f'<body name="{body.name}"><joint type="free"/>{inertial}{"".join(geoms)}</body>')
+        floats = ' gravcomp="1"' if body.prescribed else ""
+        text.append(f'<body name="{body.name}"{floats}><joint type="free"/>{inertial}{"".join(geoms)}</body>')
     contact = 'solref="-1000 0"' if scene.friction is None else f'friction="{scene.friction!r} 0.005 0.0001"'
     cone = "" if scene.friction is None else 'cone="elliptic" '
     text += [mujoco_fixed(solid) for solid in scene.environment]

@@ -21,7 +21,7 @@ from types import ModuleType
 from unc_physics.checks.errors import InvalidOptionError
 
 #: Experiments that run by default.
-DEFAULT = ("paper", "engines", "orders", "stability", "covariances", "regions", "calibration")
+DEFAULT = ("paper", "engines", "head_to_head", "orders", "stability", "covariances", "regions", "calibration")
 #: Experiments that take long alone on the machine, or need more than this package.
 BY_NAME = (
     "scenes_at_random",
