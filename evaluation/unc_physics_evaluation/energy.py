@@ -54,18 +54,13 @@ def contact_energy(scene: Scene, state: np.ndarray) -> float:
             total += np.sum(_lens_integral(distance[near], R[near], r[near]))
         if not scene.bodies[j].fixed:
             for element in scene.environment:
-                total += np.sum(_cap_integral(r_j - surface_distance(element, c_j), r_j))
+                total += np.sum(_cap_integral(r_j - element.surface(c_j)[0], r_j))
     return float(scene.stiffness * total)
 
 
 def momentum(scene: Scene, states: np.ndarray) -> np.ndarray:
     """Return the linear momentum (..., 3) of states (..., B, 13) [kg m/s]."""
     return np.einsum("k,...ki->...i", _masses(scene)[0], states[..., scene.moving, VELOCITY])
-
-
-def surface_distance(element, points: np.ndarray) -> np.ndarray:
-    """Return the signed distance (...,) of points (..., 3) from an element's surface [m], negative inside."""
-    return element.surface(points)[0]
 
 
 def _masses(scene):

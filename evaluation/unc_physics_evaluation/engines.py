@@ -1,13 +1,18 @@
 """Rollouts of a scene in PyBullet and MuJoCo.
 
-Masses, inertias, states, damping, environment and time step are the scene's.
+Masses, inertias, states, damping, environment and time step are the scene's. Bodies are given in their
+principal axes, in which both engines store the inertia.
 
-Shapes are the scene's spheres ("spheres") or the usual ones of these engines ("primitive"): a model that is
-a box or a cylinder has that shape, and any other model has convex pieces. In a scene without friction both
-engines have elastic contacts without friction, with their fastest settings. In a scene with friction they
-have their own contact laws and default settings. Bodies sleep if the scene allows it, and there is no
-rendering. All steps run in one call. Bodies are given in their principal axes, in which both engines store
-the inertia.
+Shapes are the scene's spheres ("spheres"), the usual ones of these engines ("primitive"), or given. A model
+that is a box or a cylinder has that shape as a primitive, and any other model has convex pieces. In a scene
+without friction both engines have elastic contacts without friction, with their fastest settings. In a scene
+with friction they have their own contact laws and default settings. Bodies sleep if the scene allows it, and
+there is no rendering. All steps run in one call.
+
+With `Settings`, contacts have the friction of their pair of surfaces, and bodies can follow their paths.
+Before each step they are put where the path says. In MuJoCo such a body is a mocap body; contacts take it to
+stand still, so its velocity is given as that of its surface. In PyBullet it is a body without mass whose
+velocity is set.
 """
 
 from __future__ import annotations
@@ -15,9 +20,11 @@ from __future__ import annotations
 import math
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import singledispatch
+from itertools import combinations
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.cluster.vq import kmeans2
@@ -25,62 +32,129 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from unc_physics.checks.errors import NotSupportedError
-from unc_physics.scene.environment import Box, Capsule, Cylinder, Element, Plane, Sphere
+from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
+from unc_physics.scene.kinematic_states import path_states
+from unc_physics.scene.scene import Scene
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 #: Shapes of the models that are one primitive.
 PRIMITIVES = {"salt_box": "box", "can": "cylinder", "cube": "box", "block": "box"}
 PIECES = 16  # convex ones of a body
 _DIRECTIONS = 64  # of a piece's support points, and so the largest number of its vertices
-_CONDIM = {False: 1, True: 3}  # MuJoCo's: without and with friction
 _TIME_CONSTANT = 0.02  # s, of MuJoCo's contacts by default
+_LEAST_FRICTION = 1e-5  # that MuJoCo takes
+
+
+class Settings(NamedTuple):
+    """Settings of an engine.
+
+    Attributes
+    ----------
+    dt : float
+        [s]
+    iterations : int
+        Iterations of PyBullet's solver in a step.
+    contact_time : float
+        Time constant of MuJoCo's contacts [s].
+    firm_friction : float
+        Ratio of the stiffness of friction to that of contacts in MuJoCo (``impratio``).
+    """
+
+    dt: float
+    iterations: int = 50
+    contact_time: float = _TIME_CONSTANT
+    firm_friction: float = 1.0
+
+
+#: What engines do unless told otherwise, and what is fine enough for slow pushes.
+OWN = {"mujoco": Settings(0.002), "pybullet": Settings(1.0 / 240.0)}
+FINE = {
+    "mujoco": Settings(0.001, contact_time=0.002, firm_friction=100.0),
+    "pybullet": Settings(0.001, iterations=200),
+}
+
+
+class Shape(NamedTuple):
+    """A primitive or a convex piece of a body.
+
+    Attributes
+    ----------
+    kind : {'sphere', 'box', 'cylinder', 'mesh'}
+    size : tuple of float
+        Radius; sides; radius and length; nothing [m].
+    place : (3,) array
+        [m]
+    turned : Rotation
+        From the shape's axes to the body's.
+    vertices : (n, 3) array, optional
+        Of a mesh [m].
+    """
+
+    kind: str
+    size: tuple[float, ...]
+    place: np.ndarray
+    turned: Rotation = Rotation.identity()
+    vertices: np.ndarray | None = None
+
+
+class Motion(NamedTuple):
+    """Motion of a body's principal axes: place, quaternion (x, y, z, w), velocities in world and own axes."""
+
+    place: np.ndarray
+    q: np.ndarray
+    velocity: np.ndarray
+    spin: np.ndarray
+    own_velocity: np.ndarray
+    own_spin: np.ndarray
 
 
 class PrincipalBody:
-    """A body's spheres and inertia in its principal axes.
+    """A body's shapes and inertia in its principal axes.
 
     Attributes
     ----------
     centers : (n, 3) array
-        [m]
+        Of its spheres [m].
     radii : (n,) array
         [m]
     inertia : (3,) array
         Principal moments [kg m^2].
     axes : Rotation
         From principal axes to the body frame.
-
-    Notes
-    -----
-    ``pieces`` divides the spheres into clusters and returns the convex hull of each, like a convex
-    decomposition of a mesh.
+    free : bool
+        Whether the engine moves it. Without settings that is so of prescribed bodies too, which float.
     """
 
-    def __init__(self, body):
+    def __init__(self, body, follows=False):
         moments, axes = np.linalg.eigh(body.unit_inertia)
         axes[:, 2] *= np.linalg.det(axes)
         self.mass, self.name, self._model = body.mass, body.name, body.model
-        self.prescribed = body.trajectory is not None
+        self.free = body.free or not follows
+        self.floats = self.free and body.trajectory is not None
         self.inertia = body.mass * moments
         self.centers, self.radii = body.model.centers @ axes, body.model.radii
         self.axes = Rotation.from_matrix(axes)
 
-    def own_geometry(self, geometry):
-        """Return the geometry of this body if ``geometry`` is requested for the scene."""
-        return "pieces" if geometry == "primitive" and self._model.name not in PRIMITIVES else geometry
-
-    def primitive(self):
-        """Return kind, sides [m], centre (3,) [m] and orientation of the model's box or cylinder."""
+    def shapes(self, geometry: str | Mapping[str, Sequence[Shape]]) -> list[Shape]:
+        """Return the shapes: spheres, primitives, or those given by the body's name in its own axes."""
+        back = self.axes.inv()
+        if not isinstance(geometry, str):
+            return [
+                shape._replace(place=back.apply(np.array(shape.place)), turned=back * shape.turned)
+                for shape in geometry[self.name]
+            ]
+        if geometry == "spheres":
+            spheres = zip(self.radii.tolist(), self.centers, strict=True)
+            return [Shape("sphere", (radius,), center) for radius, center in spheres]
+        if self._model.name not in PRIMITIVES:
+            return [Shape("mesh", (), np.zeros(3), vertices=vertices) for vertices in self.pieces()]
         low, high = self._model.bounds
-        return (
-            PRIMITIVES[self._model.name],
-            (high - low).tolist(),
-            self.axes.inv().apply(0.5 * (low + high)),
-            self.axes.inv(),
-        )
+        kind, (x, y, z) = PRIMITIVES[self._model.name], (high - low).tolist()
+        size = (x, y, z) if kind == "box" else (x / 2, z)
+        return [Shape(kind, size, back.apply(0.5 * (low + high)), back)]
 
     def pieces(self):
-        """Return the vertices (k, 3) of each convex piece [m]."""
+        """Return the vertices (k, 3) of the hulls of clusters of spheres, like a convex decomposition [m]."""
         _, cluster = kmeans2(
             self.centers, min(PIECES, len(self.centers)), minit="++", rng=np.random.default_rng(0)
         )
@@ -96,60 +170,141 @@ class PrincipalBody:
             made.append(centers[farthest] + radii[farthest, None] * directions)
         return made
 
-    def orientation(self, state):
-        """Return the rotation from principal axes to the world for one body's state (13,)."""
-        return Rotation.from_quat(state[QUATERNION]) * self.axes
+    def motions(self, states) -> list[Motion]:
+        """Return the motion of the principal axes in each of the body's states (n, 13)."""
+        states = np.array(states)
+        velocity, spin = states[:, VELOCITY], states[:, ANGULAR_VELOCITY]
+        turned = Rotation.from_quat(states[:, QUATERNION]) * self.axes
+        back = turned.inv()
+        columns = (
+            states[:, POSITION],
+            turned.as_quat(),
+            velocity,
+            spin,
+            back.apply(velocity),
+            back.apply(spin),
+        )
+        return [Motion(*row) for row in zip(*columns, strict=True)]
 
     def state(self, position, velocity, rotation, angular_velocity):
         """Return one body's state (13,) from an engine's values for the principal axes."""
         return np.concatenate([position, velocity, (rotation * self.axes.inv()).as_quat(), angular_velocity])
 
 
-class PyBulletRollouts:
+class _Engine:
+    """What both engines share: bodies and their shapes, and how rollouts run."""
+
+    def __init__(self, scene, geometry, settings):
+        self._scene, self._settings = scene, settings
+        self._dt = scene.dt if settings is None else settings.dt
+        self._bodies = [PrincipalBody(body, settings is not None) for body in scene.bodies]
+        self._own = [body.shapes(geometry) for body in self._bodies]
+
+    def begin(self, state):
+        """Set the state (B, 13)."""
+        for k, (body, x) in enumerate(zip(self._bodies, state, strict=True)):
+            self.put(k, body.motions(x[None])[0])
+
+    def run(self, state, steps):
+        """The state (B, 13) after ``steps`` steps from ``state``, in one call."""
+        self.begin(state)
+        self.advance(steps)
+        return self.state()
+
+    def follow(self, state, steps):
+        """The state (B, 13) after ``steps`` steps, in which bodies that are not free follow their paths."""
+        times = self._dt * np.arange(steps + 1)
+        prescribed = {
+            k: body.motions(path_states(self._scene, k, times))
+            for k, body in enumerate(self._bodies)
+            if not body.free
+        }
+        self.begin(state)
+        for step in range(steps + 1):
+            for k, motions in prescribed.items():
+                self.put(k, motions[step])
+            if step < steps:
+                self.step()
+        return self.state()
+
+    def close(self):
+        """Leave the engine."""
+
+
+def run_in(
+    engine: str,
+    settings: Settings,
+    scene: Scene,
+    shapes: Mapping[str, Sequence[Shape]],
+    start: np.ndarray,
+    horizon: float,
+) -> np.ndarray:
+    """Return the states (B, 13) of free and prescribed bodies at the horizon [s], from those at the start.
+
+    Bodies that are not free never touch each other or the environment.
+    """
+    made = PEERS[engine](scene, shapes, settings)
+    try:
+        return made.follow(start, round(horizon / settings.dt))
+    finally:
+        made.close()
+
+
+def _friction(scene, partner):
+    return scene.friction if partner.friction is None else partner.friction
+
+
+#: PyBullet's clients that are not in use: each new one prints a line.
+_CLIENTS: list[Any] = []
+
+
+class PyBulletRollouts(_Engine):
     """Rollouts in PyBullet.
 
     Notes
     -----
     Bodies are read from URDF text, because ``createCollisionShapeArray`` silently keeps only 16 spheres.
     Maximal coordinates select the solver for free bodies. The solver for articulated bodies is no faster, and
-    gains energy with elastic contacts.
+    gains energy with elastic contacts. Prescribed bodies have minimal coordinates, so that contacts use their
+    velocity.
     """
 
-    def __init__(self, scene, geometry="spheres"):
+    def __init__(self, scene, geometry="spheres", settings=None):
         import pybullet
         from pybullet_utils.bullet_client import BulletClient
 
-        self._scene = scene
-        self._bodies = [PrincipalBody(body) for body in scene.bodies]
-        self._client = client = BulletClient(connection_mode=pybullet.DIRECT)
-        client.setPhysicsEngineParameter(restitutionVelocityThreshold=0.0)
+        super().__init__(scene, geometry, settings)
+        client = _CLIENTS.pop() if _CLIENTS else BulletClient(connection_mode=pybullet.DIRECT)
+        self._client = client
+        client.resetSimulation()
+        iterations = {} if settings is None else {"numSolverIterations": settings.iterations}
+        client.setPhysicsEngineParameter(restitutionVelocityThreshold=0.0, **iterations)
         client.setGravity(*scene.gravity.tolist())
         # Bullet keeps the share 1 - d of a velocity in a second, we exp(-damping)
         damping = 1.0 - math.exp(-scene.damping)
-        self._handles, self._shapes = [], []
+        self._handles, self._counts = [], []
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE | (pybullet.URDF_ENABLE_SLEEPING if scene.sleep else 0)
         with tempfile.TemporaryDirectory() as folder:
-            for body in self._bodies:
-                path = Path(folder) / f"{body.name}.urdf"
-                path.write_text(_urdf(body, geometry, Path(folder)))
-                probe = client.loadURDF(
-                    str(path)
-                )  # PyBullet tells the shapes of bodies in minimal coordinates only
-                self._shapes.append(len(client.getCollisionShapeData(probe, -1)))
-                client.removeBody(probe)
-                flags = pybullet.URDF_USE_INERTIA_FROM_FILE
-                if scene.sleep:
-                    flags |= pybullet.URDF_ENABLE_SLEEPING
-                handle = client.loadURDF(str(path), flags=flags, useMaximalCoordinates=True)
-                client.changeDynamics(
-                    handle, -1, linearDamping=damping, angularDamping=damping, **_bullet_contact(scene)
-                )
+            for k, (body, own) in enumerate(zip(self._bodies, self._own, strict=True)):
+                path = Path(folder) / f"{k}.urdf"
+                path.write_text(_urdf(body, own, Path(folder)))
+                if settings is None:  # it tells the shapes of bodies in minimal coordinates only
+                    probe = client.loadURDF(str(path))
+                    self._counts.append(len(client.getCollisionShapeData(probe, -1)))
+                    client.removeBody(probe)
+                handle = client.loadURDF(str(path), flags=flags, useMaximalCoordinates=body.free)
+                client.changeDynamics(handle, -1, linearDamping=damping, angularDamping=damping)
                 self._handles.append(handle)
-        for solid in scene.environment:
-            client.changeDynamics(self._fixed(solid), -1, **_bullet_contact(scene))
+        solids = [self._fixed(solid) for solid in scene.environment]
+        partners = (*scene.bodies, *scene.environment)
+        for handle, partner in zip((*self._handles, *solids), partners, strict=True):
+            client.changeDynamics(handle, -1, **_bullet_contact(scene, partner))
+        for a, b in combinations([k for k, body in enumerate(self._bodies) if not body.free], 2):
+            client.setCollisionFilterPair(self._handles[a], self._handles[b], -1, -1, 0)
 
     def shapes(self):
         """Number of shapes of each body, as the engine has them."""
-        return self._shapes
+        return self._counts
 
     def _fixed(self, solid):
         """Create a fixed body for an element of the environment."""
@@ -159,42 +314,41 @@ class PyBulletRollouts:
             place["baseOrientation"] = np.asarray(solid.orientation).tolist()
         return self._client.createMultiBody(0.0, shape, **place)
 
-    def begin(self, state):
-        """Set the state (B, 13)."""
-        for body, handle, x in zip(self._bodies, self._handles, state, strict=True):
-            self._client.resetBasePositionAndOrientation(
-                handle, x[POSITION].tolist(), body.orientation(x).as_quat().tolist()
-            )
-            self._client.resetBaseVelocity(handle, x[VELOCITY].tolist(), x[ANGULAR_VELOCITY].tolist())
+    def put(self, k, motion):
+        """Set the motion of a body."""
+        client, handle = self._client, self._handles[k]
+        client.resetBasePositionAndOrientation(handle, motion.place.tolist(), motion.q.tolist())
+        client.resetBaseVelocity(handle, motion.velocity.tolist(), motion.spin.tolist())
 
     def advance(self, steps):
         """Take so many steps, in one call: as steps within a longer one."""
-        self._client.setPhysicsEngineParameter(fixedTimeStep=steps * self._scene.dt, numSubSteps=steps)
+        self._client.setPhysicsEngineParameter(fixedTimeStep=steps * self._dt, numSubSteps=steps)
         self._client.stepSimulation()
+
+    def follow(self, state, steps):
+        self.step_singly()
+        return super().follow(state, steps)
+
+    def step_singly(self):
+        """Let each `step` be one by itself."""
+        self._client.setPhysicsEngineParameter(fixedTimeStep=self._dt, numSubSteps=0)
+
+    def step(self):
+        """Take a step; return whether there may be contacts."""
+        self._client.stepSimulation()
+        return True
 
     def state(self):
         """The state (B, 13)."""
-        return bullet_states(self._client, self._bodies, self._handles)
-
-    def run(self, state, steps):
-        """The state (B, 13) after ``steps`` steps from ``state``."""
-        self.begin(state)
-        self.advance(steps)
-        return self.state()
+        states = []
+        for body, handle in zip(self._bodies, self._handles, strict=True):
+            position, q = self._client.getBasePositionAndOrientation(handle)
+            velocity, spin = self._client.getBaseVelocity(handle)
+            states.append(body.state(position, velocity, Rotation.from_quat(q), spin))
+        return np.array(states)
 
     def close(self):
-        """Leave the engine."""
-        self._client.disconnect()
-
-
-def bullet_states(client, bodies, handles) -> np.ndarray:
-    """Return the states (B, 13) of principal bodies in PyBullet, by their handles."""
-    states = []
-    for body, handle in zip(bodies, handles, strict=True):
-        position, q = client.getBasePositionAndOrientation(handle)
-        velocity, spin = client.getBaseVelocity(handle)
-        states.append(body.state(position, velocity, Rotation.from_quat(q), spin))
-    return np.array(states)
+        _CLIENTS.append(self._client)
 
 
 @singledispatch
@@ -232,56 +386,37 @@ def _no_shape(solid):
     return NotSupportedError("is not known in other engines", field="environment", value=type(solid).__name__)
 
 
-def _bullet_contact(scene):
-    """Return the contact parameters of each body; Bullet multiplies those of touching bodies."""
-    if scene.friction is None:
+def _bullet_contact(scene, partner):
+    """Return the contact parameters of a surface; Bullet multiplies those of touching bodies."""
+    if _friction(scene, partner) is None:
         return {"lateralFriction": 0.0, "restitution": 1.0, "contactProcessingThreshold": 0.0}
-    return {"lateralFriction": math.sqrt(scene.friction), "restitution": math.sqrt(scene.restitution or 0.0)}
+    friction = math.sqrt(_friction(scene, partner))
+    return {"lateralFriction": friction, "restitution": math.sqrt(scene.restitution or 0.0)}
 
 
-def _urdf(body, geometry, folder):
-    geometry = body.own_geometry(geometry)
-    if geometry == "spheres":
-        shapes = [
-            (f'xyz="{x!r} {y!r} {z!r}"', f'<sphere radius="{r!r}"/>')
-            for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
-        ]
-    elif geometry == "primitive":
-        kind, (x, y, z), middle, turned = body.primitive()
-        shape = (
-            f'<box size="{x!r} {y!r} {z!r}"/>'
-            if kind == "box"
-            else f'<cylinder radius="{x / 2!r}" length="{z!r}"/>'
-        )
-        shapes = [(urdf_place(middle, turned), shape)]
-    else:
-        shapes = []
-        for k, vertices in enumerate(body.pieces()):
+def _urdf(body, shapes, folder):
+    """Return the URDF text of a body with its shapes; meshes are written to a folder."""
+    collisions = []  # on lines of their own: PyBullet cuts long lines
+    for k, shape in enumerate(shapes):
+        if shape.kind == "mesh":
             path = folder / f"{body.name}_{k}.obj"
-            path.write_text(_obj(vertices))
-            shapes.append(('xyz="0 0 0"', f'<mesh filename="{path}"/>'))
-    return urdf(body.name, body.mass, body.inertia, shapes)
-
-
-def urdf(name: str, mass: float, inertia: np.ndarray, shapes: Sequence[tuple[str, str]]) -> str:
-    """Return the URDF text of a body with principal moments (3,), and shapes by place and geometry."""
-    collisions = "\n".join(  # on lines of their own: PyBullet cuts long lines
-        f"<collision><origin {place}/><geometry>{shape}</geometry></collision>" for place, shape in shapes
-    )
+            path.write_text(_obj(shape.vertices))
+            geometry = f'mesh filename="{path}"'
+        elif shape.kind == "cylinder":
+            geometry = f'cylinder radius="{shape.size[0]!r}" length="{shape.size[1]!r}"'
+        else:
+            geometry = f'{shape.kind} {"size" if shape.kind == "box" else "radius"}="{text_of(shape.size)}"'
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # at gimbal lock any of the equivalent angles will do
+            angles = shape.turned.as_euler("xyz")
+        origin = f'<origin xyz="{text_of(shape.place)}" rpy="{text_of(angles)}"/>'
+        collisions.append(f"<collision>{origin}<geometry><{geometry}/></geometry></collision>")
+    mass, inertia = (body.mass, body.inertia) if body.free else (0.0, np.zeros(3))
     a, b, c = inertia.tolist()
     moments = f'<inertia ixx="{a!r}" iyy="{b!r}" izz="{c!r}" ixy="0" ixz="0" iyz="0"/>'
-    return (
-        f'<robot name="{name}"><link name="body"><inertial><mass value="{mass!r}"/>{moments}</inertial>\n'
-        f"{collisions}\n</link></robot>\n"
-    )
-
-
-def urdf_place(place: np.ndarray, turned: Rotation) -> str:
-    """Return the URDF attributes of a shape's position (3,) and orientation in its body."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # at gimbal lock any of the equivalent angles will do
-        angles = turned.as_euler("xyz")
-    return f'xyz="{text_of(place)}" rpy="{text_of(angles)}"'
+    inertial = f'<inertial><mass value="{mass!r}"/>{moments}</inertial>'
+    lines = f'<robot name="{body.name}"><link name="body">{inertial}', *collisions, "</link></robot>\n"
+    return "\n".join(lines)
 
 
 def _obj(vertices):
@@ -291,30 +426,33 @@ def _obj(vertices):
     return "\n".join(lines) + "\n"
 
 
-class MuJoCoRollouts:
-    """Rollouts in MuJoCo: free bodies of sphere geoms, all steps in one call.
+class MuJoCoRollouts(_Engine):
+    """Rollouts in MuJoCo.
 
     Notes
     -----
     Without friction, contacts are springs without dampers, thus elastic; the solver distributes the mass over
     the contacts. With friction, contacts are MuJoCo's critically damped ones without a coefficient of
     restitution: a cube that falls flat rebounds with 0.12 of its speed at steps of 1/240 s. The friction cone
-    is elliptic; MuJoCo's default pyramid has 0.7 of
-    the friction halfway between its axes.
+    is elliptic; MuJoCo's default pyramid has 0.7 of the friction halfway between its axes. With settings,
+    each pair of shapes has the geometric mean of their frictions.
     """
 
-    def __init__(self, scene, geometry="spheres"):
+    def __init__(self, scene, geometry="spheres", settings=None):
         import mujoco
 
+        super().__init__(scene, geometry, settings)
         self._mujoco = mujoco
-        self._bodies = [PrincipalBody(body) for body in scene.bodies]
-        model = mujoco.MjModel.from_xml_string(_mjcf(scene, self._bodies, geometry))
-        for k, body in enumerate(self._bodies):
-            model.dof_damping[6 * k : 6 * k + 3] = scene.damping * body.mass
-            model.dof_damping[6 * k + 3 : 6 * k + 6] = scene.damping * body.inertia
+        self._model = model = mujoco.MjModel.from_xml_string(_mjcf(scene, self._bodies, self._own, settings))
+        free = [k for k, body in enumerate(self._bodies) if body.free]
+        self._joint = {k: n for n, k in enumerate(free)}
+        self._mocap = {k: n for n, k in enumerate(set(range(len(self._bodies))) - set(free))}
+        for k, n in self._joint.items():
+            damping = [self._bodies[k].mass] * 3 + self._bodies[k].inertia.tolist()
+            model.dof_damping[6 * n : 6 * n + 6] = scene.damping * np.array(damping)
         if scene.sleep:
             model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
-        self._model, self._data = model, mujoco.MjData(model)
+        self._data = mujoco.MjData(model)
 
     def set_restitution(self, value):
         """Give all contacts the damping of a linear spring that returns this share of the speed."""
@@ -326,38 +464,51 @@ class MuJoCoRollouts:
         return self._model.body_geomnum[1:].tolist()
 
     def begin(self, state):
-        """Set the state (B, 13)."""
-        data = self._data
-        self._mujoco.mj_resetData(self._model, data)
-        for k, (body, x) in enumerate(zip(self._bodies, state, strict=True)):
-            rotation = body.orientation(x)
-            data.qpos[7 * k : 7 * k + 3] = x[POSITION]
-            data.qpos[7 * k + 3 : 7 * k + 7] = rotation.as_quat()[[3, 0, 1, 2]]
-            data.qvel[6 * k : 6 * k + 3] = x[VELOCITY]
-            data.qvel[6 * k + 3 : 6 * k + 6] = rotation.inv().apply(x[ANGULAR_VELOCITY])
+        self._mujoco.mj_resetData(self._model, self._data)
+        super().begin(state)
+
+    def put(self, k, motion):
+        """Set the motion of a body."""
+        data, (x, y, z, w) = self._data, motion.q
+        if k in self._joint:
+            at = self._joint[k]
+            data.qpos[7 * at : 7 * at + 7] = [*motion.place, w, x, y, z]
+            data.qvel[6 * at : 6 * at + 6] = [*motion.velocity, *motion.own_spin]
+            return
+        at = self._mocap[k]
+        data.mocap_pos[at], data.mocap_quat[at] = motion.place, (w, x, y, z)
+        first = self._model.body_geomadr[1 + k]
+        for geom, shape in enumerate(self._own[k], first):
+            turned = shape.turned.inv()
+            velocity = motion.own_velocity + np.cross(motion.own_spin, shape.place)
+            self._model.geom_surfacevel[geom] = [*turned.apply(velocity), *turned.apply(motion.own_spin)]
 
     def advance(self, steps):
         """Take so many steps, in one call."""
         self._mujoco.mj_step(self._model, self._data, nstep=steps)
 
+    def step(self):
+        """Take a step; return whether there may be contacts."""
+        self._mujoco.mj_step(self._model, self._data)
+        return self._data.ncon > 0
+
     def state(self):
         """The state (B, 13)."""
-        states = []
+        states, data = [], self._data
         for k, body in enumerate(self._bodies):
-            rotation = Rotation.from_quat(self._data.qpos[7 * k + 3 : 7 * k + 7][[1, 2, 3, 0]])
-            position, velocity = self._data.qpos[7 * k : 7 * k + 3], self._data.qvel[6 * k : 6 * k + 3]
-            spin = rotation.apply(self._data.qvel[6 * k + 3 : 6 * k + 6])
-            states.append(body.state(position, velocity, rotation, spin))
+            if k in self._joint:
+                q, v = 7 * self._joint[k], 6 * self._joint[k]
+                place, turn = data.qpos[q : q + 3], data.qpos[q + 3 : q + 7]
+                velocity, spin = data.qvel[v : v + 3], data.qvel[v + 3 : v + 6]
+            else:
+                place, turn = data.mocap_pos[self._mocap[k]], data.mocap_quat[self._mocap[k]]
+                velocity = spin = np.zeros(3)
+            rotation = Rotation.from_quat(turn[[1, 2, 3, 0]])
+            states.append(body.state(place, velocity, rotation, rotation.apply(spin)))
         return np.array(states)
 
-    def run(self, state, steps):
-        """The state (B, 13) after ``steps`` steps from ``state``."""
-        self.begin(state)
-        self.advance(steps)
-        return self.state()
-
     def run_all(self, states, steps):
-        """The states (N, B, 13) after ``steps`` steps from each of ``states``, all in one call."""
+        """The states (N, B, 13) of free bodies after ``steps`` steps from each of ``states``, in one call."""
         from mujoco import rollout
 
         nq, count, turned = self._model.nq, len(states), []
@@ -377,56 +528,53 @@ class MuJoCoRollouts:
             turned.append(np.concatenate(parts, axis=1))
         return np.stack(turned, axis=1)
 
-    def close(self):
-        """Leave the engine; nothing to do."""
 
-
-def _mjcf(scene, bodies, geometry):
-    text, assets = [], []
-    for body in bodies:
-        shape = body.own_geometry(geometry)
-        if shape == "spheres":
-            geoms = [
-                f'<geom type="sphere" size="{r!r}" pos="{x!r} {y!r} {z!r}"/>'
-                for (x, y, z), r in zip(body.centers.tolist(), body.radii.tolist(), strict=True)
-            ]
-        elif shape == "primitive":
-            kind, (x, y, z), middle, turned = body.primitive()
-            size = f"{x / 2!r} {y / 2!r} {z / 2!r}" if kind == "box" else f"{x / 2!r} {z / 2!r}"
-            geoms = [
-                (
-                    f'<geom type="{kind}" size="{size}" pos="{text_of(middle)}"'
-                    f' quat="{mujoco_quaternion(turned)}"/>'
-                )
-            ]
-        else:
-            pieces = body.pieces()
-            geoms = [f'<geom type="mesh" mesh="{body.name}_{k}"/>' for k in range(len(pieces))]
-            assets += [
-                f'<mesh name="{body.name}_{k}" vertex="{" ".join(map(repr, vertices.ravel().tolist()))}"/>'
-                for k, vertices in enumerate(pieces)
-            ]
-        inertia = " ".join(repr(value) for value in body.inertia.tolist())
-        inertial = f'<inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{inertia}"/>'
-        floats = ' gravcomp="1"' if body.prescribed else ""
-        text.append(f'<body name="{body.name}"{floats}><joint type="free"/>{inertial}{"".join(geoms)}</body>')
-    contact = 'solref="-1000 0"' if scene.friction is None else f'friction="{scene.friction!r} 0.005 0.0001"'
-    cone = "" if scene.friction is None else 'cone="elliptic" '
-    text += [mujoco_fixed(solid) for solid in scene.environment]
+def _mjcf(scene, bodies, shapes, settings):
+    text, assets, surfaces = [], [], []  # of surfaces: whether they are free, body, and friction
+    for k, (body, own) in enumerate(zip(bodies, shapes, strict=True)):
+        geoms = []
+        for shape in own:
+            name = f"g{len(surfaces)}"
+            surfaces.append((body.free, k, _friction(scene, scene.bodies[k])))
+            if shape.kind == "mesh":
+                assets.append(f'<mesh name="{name}" vertex="{text_of(shape.vertices.ravel())}"/>')
+                geoms.append(f'<geom name="{name}" type="mesh" mesh="{name}"/>')
+            else:
+                moves = "" if body.free else ' surfacevel="1 0 0"'
+                half = {"sphere": (1.0,), "box": (0.5, 0.5, 0.5), "cylinder": (1.0, 0.5)}[shape.kind]
+                size = text_of(np.multiply(half, shape.size))
+                place = f'pos="{text_of(shape.place)}" quat="{mujoco_quaternion(shape.turned)}"'
+                geoms.append(f'<geom name="{name}" type="{shape.kind}" size="{size}" {place}{moves}/>')
+        head = '<body mocap="true">'
+        if body.free:
+            inertial = f'<inertial pos="0 0 0" mass="{body.mass!r}" diaginertia="{text_of(body.inertia)}"/>'
+            floats = ' gravcomp="1"' if body.floats else ""
+            head = f"<body{floats}><freejoint/>{inertial}"
+        text.append(f"{head}{''.join(geoms)}</body>")
+    for solid in scene.environment:
+        name, size = f"g{len(surfaces)}", text_of(_mujoco_size(solid))
+        surfaces.append((False, -1, _friction(scene, solid)))
+        turned = mujoco_quaternion(Rotation.from_matrix(solid.rotation))
+        place = f'pos="{text_of(solid.position)}" quat="{turned}"'
+        text.append(f'<geom name="{name}" type="{solid.shape}" size="{size}" {place}/>')
+    option, contact, pairs = 'cone="elliptic" ', f'condim="3" friction="{scene.friction!r} 0.005 0.0001"', ""
+    if settings is None and scene.friction is None:
+        option, contact = "", 'condim="1" solref="-1000 0"'
+    elif settings is not None:
+        option += f'tolerance="1e-10" impratio="{settings.firm_friction!r}" '
+        contact = 'contype="0" conaffinity="0"'
+        pairs = "".join(
+            f'<pair geom1="g{i}" geom2="g{j}" condim="3" friction="{mu!r} {mu!r} 0 0 0"'
+            f' solref="{settings.contact_time!r} 1"/>'
+            for (i, (free_i, a, p)), (j, (free_j, b, q)) in combinations(enumerate(surfaces), 2)
+            if a != b and (free_i or free_j)
+            for mu in [max(math.sqrt(p * q), _LEAST_FRICTION)]
+        )
+    dt = scene.dt if settings is None else settings.dt
     return (
-        f'<mujoco><option {cone}timestep="{scene.dt!r}" gravity="{text_of(scene.gravity)}"/><size'
-        ' memory="256M"/>'
-        f'<default><geom condim="{_CONDIM[scene.friction is not None]}" mass="0" {contact}/></default>'
-        f"<asset>{''.join(assets)}</asset><worldbody>{''.join(text)}</worldbody></mujoco>"
-    )
-
-
-def mujoco_fixed(solid: Element, name: str = "") -> str:
-    """Return the geom of an element of the environment."""
-    size, turned = text_of(_mujoco_size(solid)), mujoco_quaternion(Rotation.from_matrix(solid.rotation))
-    named = f'name="{name}" ' if name else ""
-    return (
-        f'<geom {named}type="{solid.shape}" size="{size}" pos="{text_of(solid.position)}" quat="{turned}"/>'
+        f'<mujoco><option {option}timestep="{dt!r}" gravity="{text_of(scene.gravity)}"/><size memory="256M"/>'
+        f'<default><geom mass="0" {contact}/></default><asset>{"".join(assets)}</asset>'
+        f"<worldbody>{''.join(text)}</worldbody><contact>{pairs}</contact></mujoco>"
     )
 
 

@@ -92,13 +92,13 @@ def _on_incline():
     return _everyday(model, Plane(normal, name="incline"), at_rest=True), mean, 0.5
 
 
-def ball(name: str, radius: float, inertia: float = 0.4) -> SpherePacking:
-    """A single sphere; its inertia is per unit mass and squared radius."""
+def ball(name: str, radius: float) -> SpherePacking:
+    """A uniform ball."""
     return SpherePacking(
         name,
         np.zeros((1, 3)),
         np.array([radius]),
-        inertia * radius**2 * np.eye(3),
+        0.4 * radius**2 * np.eye(3),
         4.0 / 3.0 * math.pi * radius**3,
         np.zeros(3),
         bounding_radius=radius,

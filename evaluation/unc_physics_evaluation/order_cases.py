@@ -33,18 +33,6 @@ from .order_references import (
 
 DEPTH = SLOP  # m, which contacts at rest keep
 ROUND_OFF = 1e-9  # m or rad, of some thousand steps
-#: Laws of `Scene.everyday` that would make a rollout random.
-_CERTAIN = dict.fromkeys(
-    (
-        "friction_std",
-        "restitution_std",
-        "gravity_direction_std",
-        "impact_direction_std",
-        "impact_point_std",
-        "impact_friction_std",
-    ),
-    0.0,
-)
 
 
 class Case(NamedTuple):
@@ -335,7 +323,7 @@ def _arm_loss(radius, inertia):
 
 
 def _scene(bodies, dt, **given):
-    return Scene.everyday(bodies, exact=True, dt=dt, **_CERTAIN, **given)
+    return Scene.everyday(bodies, exact=True, dt=dt, **given)
 
 
 def _start(position, rotation=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), angular_velocity=(0.0, 0.0, 0.0)):

@@ -8,8 +8,6 @@ from unc_physics.scene.scene import Scene
 from unc_physics.spatial.layout import POSITION, QUATERNION
 from unc_physics.spatial.rotation import rotation_matrices
 
-from .energy import surface_distance
-
 _THIRDS = 60  # that a way is shortened by to find its nearest point: to 1e-11 of it
 CORE = 0.9  # of the radius of a body's largest sphere: spheres larger than that are its core
 
@@ -64,7 +62,7 @@ def _met(c_i, c_j, reach):
 
 def _entered(element, centers):
     """Return whether centres (T, n, 3) outside an element entered or crossed it."""
-    distance = surface_distance(element, centers)
+    distance = element.surface(centers)[0]
     if (distance[0] < 0.0).any():
         return False
     if (distance < 0.0).any():
@@ -76,6 +74,6 @@ def _entered(element, centers):
     # all elements are convex, so the distance along a straight line is, too, and has one minimum
     for _ in range(_THIRDS):
         near, far = (2.0 * begin + end) / 3.0, (begin + 2.0 * end) / 3.0
-        rises = (surface_distance(element, near) < surface_distance(element, far))[:, None]
+        rises = (element.surface(near)[0] < element.surface(far)[0])[:, None]
         begin, end = np.where(rises, begin, near), np.where(rises, far, end)
-    return bool((surface_distance(element, 0.5 * (begin + end)) < 0.0).any())
+    return bool((element.surface(0.5 * (begin + end))[0] < 0.0).any())

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from unc_physics.prediction.predict import predict
 from unc_physics.propagators.registry import make_propagator
 from unc_physics.spatial.layout import POSITION, QUATERNION
 
+from .engines import FINE, OWN, Settings, Shape, run_in
 from .methods import MARGINAL, MONTE_CARLO, OURS, STILL
-from .push_engines import FINE, OWN, pushed_in
 from .recorded_pushes import (
+    EDGE,
+    FOOT,
+    HEIGHT,
     REPEATS_STD,
     Frictions,
+    Push,
+    edges,
+    feet_of,
     measured_frictions,
     planar,
     planar_before,
@@ -85,6 +93,31 @@ def _in_engine(engine, k, calibrated, folder, rng):
     for z in rng.standard_normal((ENGINE_SAMPLES, 2)):
         drawn = Frictions(table * np.exp(z[0] * table_std / table), tip * np.exp(z[1] * tip_std / tip))
         yield pushed_in(engine, FINE[engine], push_scene(k, drawn, folder=folder), support)
+
+
+def pushed_in(engine: str, settings: Settings, push: Push, support: int) -> np.ndarray:
+    """Return the block's final pose (3,) after a push in an engine, on some of its feet, as `planar`."""
+    pusher = push.scene.bodies[1].model
+    shapes = {
+        "block": _block_shapes(support),
+        "pusher": [
+            Shape("sphere", (r,), c) for c, r in zip(pusher.centers, pusher.radii.tolist(), strict=True)
+        ],
+    }
+    return planar(run_in(engine, settings, push.scene, shapes, push.belief.mean, push.horizon)[0])
+
+
+def _block_shapes(support: int) -> list[Shape]:
+    """Return the shapes of our block: boxes as thick as our spheres' radius along its edges, and its feet."""
+    pushes = recorded_pushes()
+    low, shapes = -0.5 * pushes.height, []
+    for a, along, inward, length, margin in edges():
+        middle = a + 0.5 * length * along + 0.5 * EDGE * inward - pushes.com
+        turned = Rotation.from_rotvec([0.0, 0.0, math.atan2(along[1], along[0])])
+        place = np.array([*middle, low + HEIGHT])
+        shapes.append(Shape("box", (length - 2.0 * margin, EDGE, 2.0 * EDGE), place, turned))
+    feet = feet_of(support) - pushes.com
+    return shapes + [Shape("sphere", (FOOT,), np.array([*foot, low + FOOT])) for foot in feet]
 
 
 def _heading(k, folder):

@@ -8,7 +8,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 from .experiments import reality as x
 from .methods import MARGINAL, OURS, STILL, label
@@ -142,13 +142,5 @@ def _coverage(found: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
 
 
 def _share(inside, count):
-    low, high = binomial_interval(inside, count)
+    low, high = binomtest(inside, count).proportion_ci()
     return f"{100.0 * inside / count:.0f} ({100.0 * low:.0f} to {100.0 * high:.0f})"
-
-
-def binomial_interval(inside: int, count: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a share."""
-    tail = 0.5 * (1.0 - level)
-    low = beta.ppf(tail, inside, count - inside + 1) if inside else 0.0
-    high = beta.ppf(1.0 - tail, inside + 1, count - inside) if inside < count else 1.0
-    return float(low), float(high)

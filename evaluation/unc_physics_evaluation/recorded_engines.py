@@ -27,15 +27,11 @@ _HALVINGS = 5  # of an error that would add energy
 
 
 class _PyBullet(PyBulletRollouts):
-    """One body in PyBullet; functions that each step calls are looked up once."""
-
-    def __init__(self, scene, geometry):
-        super().__init__(scene, geometry)
-        self._step, self._velocity = self._client.stepSimulation, self._client.getBaseVelocity
+    """One body in PyBullet."""
 
     def begin(self, state):
         super().begin(state)
-        self._client.setPhysicsEngineParameter(fixedTimeStep=self._scene.dt, numSubSteps=0)
+        self.step_singly()
 
     def material(self, friction, restitution):
         for handle in range(self._client.getNumBodies()):
@@ -46,14 +42,9 @@ class _PyBullet(PyBulletRollouts):
     def gravity(self, value):
         self._client.setGravity(*value)
 
-    def step(self):
-        """Take a step; return whether there may be contacts."""
-        self._step()
-        return True
-
     def velocity(self):
         """Return the velocity in world axes and the angular velocity in the engine's axes, six numbers."""
-        velocity, spin = self._velocity(self._handles[0])
+        velocity, spin = self._client.getBaseVelocity(self._handles[0])
         return *velocity, *spin
 
     def middle(self):
@@ -82,8 +73,8 @@ class _PyBullet(PyBulletRollouts):
 class _MuJoCo(MuJoCoRollouts):
     """One body in MuJoCo; the damping of its contacts gives the restitution of a linear spring."""
 
-    def __init__(self, scene, geometry):
-        super().__init__(scene, geometry)
+    def __init__(self, scene):
+        super().__init__(scene)
         self.set_restitution(scene.restitution or 0.0)
 
     def material(self, friction, restitution):
@@ -92,10 +83,6 @@ class _MuJoCo(MuJoCoRollouts):
 
     def gravity(self, value):
         self._model.opt.gravity[:] = value
-
-    def step(self):
-        self._mujoco.mj_step(self._model, self._data)
-        return self._data.ncon > 0
 
     def velocity(self):
         return self._data.qvel.tolist()
@@ -178,7 +165,7 @@ class RecordedEngine:
     def _of(self, scene) -> Any:
         if self._scene is not scene:
             self.close()
-            self._scene, self._engine = scene, self._make(scene, "spheres")
+            self._scene, self._engine = scene, self._make(scene)
         return self._engine
 
     def _disturbed(self, engine, scene, gravity, steps, rng):

@@ -22,9 +22,9 @@ def brier_score(classes: np.ndarray, observed: int, count: int) -> float:
     return float(shares @ shares)
 
 
-def bootstrap(values: np.ndarray, rng: np.random.Generator, resamples: int = 2000) -> tuple[float, float]:
+def bootstrap(values: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
     """Return the 2.5 % and 97.5 % bootstrap quantiles of the mean of values (n,)."""
-    drawn = values[rng.integers(len(values), size=(resamples, len(values)))]
+    drawn = values[rng.integers(len(values), size=(2000, len(values)))]
     return tuple(np.quantile(drawn.mean(axis=1), [0.025, 0.975]).tolist())
 
 

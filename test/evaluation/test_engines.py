@@ -1,4 +1,4 @@
-"""Other engines hold the bodies that we hold: mass, inertia, states and shapes."""
+"""Other engines hold the bodies that we hold, and move them as mechanics says."""
 
 from dataclasses import replace
 
@@ -6,16 +6,31 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from unc_physics import RigidBody, Scene, load_model
+from unc_physics import PosePath, RigidBody, Scene, load_model
 from unc_physics.physics.paper.rollout import simulate
 from unc_physics.scene.environment import Box, Capsule, Cylinder, Plane, Sphere
+from unc_physics.scene.kinematic_states import with_kinematic
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from unc_physics_evaluation.engines import PEERS, PrincipalBody
+from unc_physics_evaluation.engines import FINE, PEERS, PrincipalBody, Shape, run_in
 from unc_physics_evaluation.hard_cases.shapes import ball
-from unc_physics_evaluation.scenarios import collision
+from unc_physics_evaluation.push_predictions import pushed_in
+from unc_physics_evaluation.recorded_pushes import (
+    measured_frictions,
+    planar_before,
+    push_scene,
+    recorded_pushes,
+    seen,
+)
+from unc_physics_evaluation.scenarios import collision, resting
 
 FREE = 20  # steps: no contact yet
 GEOMETRIES = ("spheres", "primitive")
+
+
+@pytest.fixture(params=PEERS)
+def name(request):
+    pytest.importorskip(request.param)
+    return request.param
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +52,6 @@ def test_pieces_cover_the_spheres(case):
     assert np.all(reached >= 0.95 * spheres)
 
 
-@pytest.mark.parametrize("name", PEERS)
 @pytest.mark.parametrize(
     "element, side",
     [
@@ -53,7 +67,6 @@ def test_pieces_cover_the_spheres(case):
 )
 def test_a_ball_bounces_off_the_elements_surface(name, element, side):
     """It comes back from where it touches our element, moved and turned."""
-    pytest.importorskip(name)
     if not isinstance(element, Plane):
         turned = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_quat()
         turn = {} if isinstance(element, Sphere) else {"orientation": turned}
@@ -78,9 +91,7 @@ def test_a_ball_bounces_off_the_elements_surface(name, element, side):
     assert np.linalg.norm(np.cross(after[POSITION] - edge, out)) < 0.02, "straight back"
 
 
-@pytest.mark.parametrize("name", PEERS)
 def test_what_is_no_box_and_no_cylinder_is_convex_pieces(name):
-    pytest.importorskip(name)
     bodies = [RigidBody(model, load_model(model).prefix(100), 1.0) for model in ("can", "mug")]
     engine = PEERS[name](Scene(bodies), "primitive")
     assert engine.shapes() == [1, 16]
@@ -88,9 +99,7 @@ def test_what_is_no_box_and_no_cylinder_is_convex_pieces(name):
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-@pytest.mark.parametrize("name", PEERS)
 def test_free_flight_is_ours(name, geometry, case):
-    pytest.importorskip(name)
     scene, belief, _ = case
     start = belief.mean.copy()
     start[0, ANGULAR_VELOCITY] = 0.2, -0.1, 0.3
@@ -107,9 +116,7 @@ def test_free_flight_is_ours(name, geometry, case):
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
-@pytest.mark.parametrize("name", PEERS)
 def test_collisions_keep_the_momentum(name, geometry, case):
-    pytest.importorskip(name)
     scene, belief, _ = case
     engine = PEERS[name](scene, geometry)
     assert engine.shapes() == {"spheres": [50, 50], "primitive": [16, 16]}[geometry]
@@ -118,3 +125,27 @@ def test_collisions_keep_the_momentum(name, geometry, case):
     assert np.abs(end[:, VELOCITY].sum(axis=0)).max() < 0.02 * free
     assert np.abs(end[0, VELOCITY] - free * belief.mean[0, VELOCITY]).max() > 0.05 * free  # they did meet
     engine.close()
+
+
+def test_what_follows_a_path_drags_what_it_carries(name):
+    """Friction feels the velocity of a tray that goes as it is told."""
+    model, side = load_model("salt_box").prefix(300), 0.1
+    shapes = {key: [Shape("box", (0.1, 0.1, side), np.zeros(3))] for key in ("box", "tray")}
+    low = [0.0, 0.0, 0.5 * side + 0.05]
+    path = PosePath(
+        times=[0.0, 10.0], positions=[low, [1.0, 0.0, low[2]]], linear_velocities=[[0.1, 0.0, 0.0]] * 2
+    )
+    bodies = [RigidBody("box", model, 1.0), RigidBody("tray", model, trajectory=path)]
+    scene = Scene.everyday(bodies, exact=True, environment=[Plane()], friction=0.5)
+    mean = with_kinematic(scene, resting([[0.0, 0.0, low[2] + side], low]), 0.0)
+    box = run_in(name, FINE[name], scene, shapes, mean, 0.5)[0]
+    assert box[3] == pytest.approx(0.1, abs=2e-3)
+    assert box[0] == pytest.approx(0.05 - 0.1**2 / (2 * 0.5 * 9.81), abs=1e-3)
+
+
+def test_a_tip_pushes_the_block_as_it_was_pushed(name):
+    k = int(np.flatnonzero(recorded_pushes().kind == 0)[0])
+    push = push_scene(k, measured_frictions(k))
+    place = pushed_in(name, FINE[name], push, int(recorded_pushes().support[k]))
+    off, stays = (np.hypot(*(x - seen(k))[:2]) for x in (place, planar_before(k)))
+    assert off < 0.5 * stays

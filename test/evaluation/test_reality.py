@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from scipy.stats import binom
 
 from unc_physics import UncPhysicsError
 from unc_physics.calibration.calibrate import Fit
@@ -15,7 +14,7 @@ from unc_physics_evaluation.experiments import reality as experiment
 from unc_physics_evaluation.jobs import Settings
 from unc_physics_evaluation.methods import MARGINAL, OURS, STILL
 from unc_physics_evaluation.polyhedron import Polyhedron, box, face_normals, lowest_face
-from unc_physics_evaluation.reality_report import above, binomial_interval, lines
+from unc_physics_evaluation.reality_report import above, lines
 from unc_physics_evaluation.recorded_sets import DATA, read_sets
 from unc_physics_evaluation.results import Results
 
@@ -98,13 +97,6 @@ def test_the_lowest_face():
         down = Rotation.align_vectors([[0.0, 0.0, -1.0]], [normal])[0]
         state[6:10] = (Rotation.from_euler("x", 0.3) * down).as_quat()
     assert lowest_face(states, normals).tolist() == list(range(6))
-
-
-def test_binomial_intervals():
-    """Clopper and Pearson: the tails of both bounds are 2.5 %."""
-    low, high = binomial_interval(7, 11)
-    assert binom.sf(6, 11, low) == pytest.approx(0.025) and binom.cdf(7, 11, high) == pytest.approx(0.025)
-    assert binomial_interval(0, 5)[0] == 0.0 and binomial_interval(5, 5)[1] == 1.0
 
 
 def test_rows_and_report(folder, tmp_path, monkeypatch):

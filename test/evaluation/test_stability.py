@@ -23,7 +23,6 @@ from unc_physics_evaluation.conservation import (
     rollout_rows,
     trajectory,
 )
-from unc_physics_evaluation.energy import surface_distance
 from unc_physics_evaluation.experiments import stability
 from unc_physics_evaluation.hard_cases import FOLDER, load, names
 from unc_physics_evaluation.hard_cases.shapes import ball
@@ -94,7 +93,7 @@ def test_edges_stay_out_of_the_bin_in_steps_with_many_impacts():
             turned = np.einsum("tij,nj->tni", rotation_matrices(states[:, k, 6:10]), body.model.centers)
             for element in scene.environment:
                 centers = states[:, None, k, :3] + turned
-                depths = (body.model.radii - surface_distance(element, centers)).max(axis=1).clip(0.0)
+                depths = (body.model.radii - element.surface(centers)[0]).max(axis=1).clip(0.0)
                 deepest = max(deepest, (depths - np.minimum.accumulate(depths)).max())  # less the start's
     assert deepest < 5e-3, "a tenth of the way of edges within a step"
 
