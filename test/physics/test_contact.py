@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from twins import contact as twin
 
-from unc_physics.physics.paper.contact_model import cap, lens, shallow_energy, shallow_slope, shallow_volume
+from unc_physics.physics.paper.contact_model import cap, lens, shallow_volume, stopping_stiffness
 
 ROUND_OFF = 1e-12
 
@@ -49,7 +49,7 @@ def test_volume_and_contact_point_see_no_order(ri, rj, share):
 
 @pytest.mark.parametrize("ri, rj", [(0.3, 0.3), (0.3, 0.05), (0.3, math.inf)])
 def test_shallow_overlaps_are_those_of_small_depths(ri, rj):
-    """Volume, slope and energy to leading order in the depth, against those of the lens or the cap."""
+    """Volume, and the stiffness that stops a mass, to leading order, against those of the lens or the cap."""
     R = ri if math.isinf(rj) else ri * rj / (ri + rj)
     depths = 1e-4 * R * np.linspace(0.0, 1.0, 201)
     volumes = np.array(
@@ -57,7 +57,5 @@ def test_shallow_overlaps_are_those_of_small_depths(ri, rj):
     )
     d, LEADING_ORDER = depths[-1], 1e-3
     assert shallow_volume(R, d) == pytest.approx(volumes[-1], rel=LEADING_ORDER)
-    assert shallow_energy(R, d) == pytest.approx(np.trapezoid(volumes, depths), rel=LEADING_ORDER)
-    assert shallow_slope(R, depths[-2]) == pytest.approx(
-        (volumes[-1] - volumes[-3]) / (depths[-1] - depths[-3]), rel=LEADING_ORDER
-    )
+    energy = stopping_stiffness(0.3, 4.0, R, d) * np.trapezoid(volumes, depths)
+    assert energy == pytest.approx(0.5 * 0.3 * 4.0, rel=LEADING_ORDER)

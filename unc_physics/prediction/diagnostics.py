@@ -31,8 +31,6 @@ from .step_motion import MOST_MOTION
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), "or")
 _ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", "or")
-_DRAWING = names_where(lambda propagator: propagator.supports.impact_errors, "or")
-_EXACT_FLIGHT = names_where(lambda propagator: not propagator.traits.separate_collisions, "or")
 _FAR = 5.0  # standard deviations beyond which samples of a correct belief are not expected
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3

@@ -60,18 +60,6 @@ def shallow_volume(R, d):
     return math.pi * R * d**2
 
 
-@kernel(arrays=False)
-def shallow_slope(R, d):
-    """Return the derivative of a shallow volume by depth [m^2]; times kappa, it is the contact stiffness."""
-    return 2.0 * math.pi * R * d
-
-
-@kernel(arrays=False)
-def shallow_energy(R, d):
-    """Return the integral of a shallow volume over depth [m^4]; the energy is this times the stiffness."""
-    return math.pi * R * d**3 / 3.0
-
-
 def carrying_stiffness(force, R, d):
     """Return the stiffness at which a contact carries a force at depth ``d`` [N/m^3]."""
     return force / shallow_volume(R, d)
@@ -80,23 +68,6 @@ def carrying_stiffness(force, R, d):
 def stopping_stiffness(mass, v2, R, d):
     """Return the stiffness at which a contact absorbs ``mass v2 / 2`` until depth ``d`` [N/m^3]."""
     return 1.5 * mass * v2 / (math.pi * R * d**3)
-
-
-@kernel(arrays=False)
-def impact_depth(v, inverse_mass, R, stiffness):
-    """Return the depth at which a contact has absorbed the energy of an impact at speed ``v`` [m].
-
-    ``inverse_mass`` [1/kg] is the sum of both bodies' inverse masses.
-    """
-    if v == 0.0 or stiffness == 0.0:
-        return 0.0
-    return (0.5 * v * v / (inverse_mass * stiffness * shallow_energy(R, 1.0))) ** (1.0 / 3.0)
-
-
-@kernel(arrays=False)
-def impact_frequency(v, inverse_mass, R, stiffness):
-    """Return the highest frequency of a contact in an impact at speed ``v`` [1/s], at `impact_depth`."""
-    return math.sqrt(stiffness * shallow_slope(R, impact_depth(v, inverse_mass, R, stiffness)) * inverse_mass)
 
 
 def capacity(r, stiffness):
