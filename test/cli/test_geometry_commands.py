@@ -25,8 +25,12 @@ def torus(tmp_path):
     return path
 
 
-def test_pack_writes_a_model(torus, tmp_path, capsys):
+def test_pack_writes_a_model(torus, tmp_path, capsys, monkeypatch):
     out = tmp_path / "ring.npz"
+    monkeypatch.setattr(packing_module, "_BYTES_PER_SPHERE", 10**18)
+    assert main(["pack", str(torus), "-o", str(out)]) == ErrorCode.LIMIT_EXCEEDED
+    assert "packing 1000 spheres" in capsys.readouterr().err, "the default"
+    monkeypatch.undo()
     assert main(["pack", str(torus), "-n", "30", "-o", str(out), "--scale", "0.1", "--mass", "0.3"]) == 0
     packing = load_packing(out)
     assert len(packing) == 30 and packing.mass == 0.3 and packing.name == "ring"
@@ -47,7 +51,7 @@ def test_pack_without_a_file_name_makes_a_model_known_by_name(torus, tmp_path, m
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        ("missing.off", "INVALID_MESH", "missing.off cannot be read: No such file"),
+        ("missing.off", "INVALID_MESH", "missing.off cannot be read: No such file.*; check the path"),
         ("text.off", "INVALID_MESH", "text.off is no mesh"),
         ("open.off", "INVALID_MESH", "open.off is open.*--repair"),
         (
@@ -62,8 +66,14 @@ def test_pack_without_a_file_name_makes_a_model_known_by_name(torus, tmp_path, m
         (
             "torus.off --tolerance 1e-9",
             "INVALID_MESH",
-            "mesh torus.off is .* mm off its .* pieces?, and 1e-06 mm",
+            "mesh torus.off is .* mm off its .* pieces?, and 1e-06 mm are allowed; --tolerance .* allows it$",
         ),
+        (
+            "torus.off --tolerance 1e-3 --pieces 8",
+            "INVALID_MESH",
+            "off its . pieces?, .*; --pieces 16 asks for more pieces, and --tolerance .* allows it$",
+        ),
+        ("torus.off --tolerance -1", "INVALID_OPTION", r"--tolerance must be a positive number of metres"),
         ("torus.off -n 0", "INVALID_OPTION", r"-n must be at least 1 \(got 0\)"),
         ("torus.off --scale -1", "INVALID_OPTION", "--scale must be a positive number"),
         ("torus.off --scale nan", "INVALID_OPTION", "--scale must be a positive number"),
@@ -174,7 +184,10 @@ def test_show_draws_a_picture(tmp_path, capsys):
     assert main(["show", "pin", "-o", str(out)]) == 0
     picture = imread(out)[:, :, :3]
     assert picture.shape[0] > 300 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
+    capsys.readouterr()
     assert main(["show", "teapot"]) == ErrorCode.UNKNOWN_MODEL
+    assert main(["show", "teapot.STL"]) == ErrorCode.UNKNOWN_MODEL
+    assert "is a mesh, and no model; the command pack makes a model of it" in capsys.readouterr().err
 
 
 def test_show_draws_a_model_without_a_mesh(tmp_path, capsys):

@@ -226,15 +226,31 @@ def test_the_command_prints_flags_notes_and_reasons(tmp_path, capsys):
         assert "INITIAL_OVERLAP" in lines[at] and lines[at + 1].startswith("  - ")
 
 
-def test_a_body_whose_piece_is_only_the_hull_of_its_mesh_has_a_note():
-    error = np.array([1e-3, 2e-3, 3e-3, 0.0123])
-    hull = replace(load_model("salt_box"), pieces_kind=HULL, pieces_error=error)
-    bodies = [RigidBody("hull", hull), RigidBody("box", load_model("salt_box"))]
+def test_a_body_whose_pieces_are_coarse_has_a_note():
+    """Above 2 % of the extent, which is 122 mm."""
+    box = load_model("salt_box")
+    given = {
+        "hull": (HULL, 2e-3),
+        "fine": ("cut", 2.4e-3),
+        "coarse": ("cut", 2.5e-3),
+        "box": ("recipe", 0.01),
+    }
+    bodies = [
+        RigidBody(name, replace(box, pieces_kind=kind, pieces_error=np.array([1e-3, high, 3e-3, 0.0123])))
+        for name, (kind, high) in given.items()
+    ]
     scene = Scene.everyday(bodies, exact=True)
-    belief = Belief.of(scene, {"hull": BodyBelief(position=(1.0, 0.0, 0.0)), "box": BodyBelief()})
-    found = assess(predict(scene, belief, "sigma_points", 0.02), rollouts=0)
-    text = "has the convex hull of its mesh as its piece, up to 12.3 mm off"
-    assert [text in " ".join(status.notes) for status in found] == [True, False]
+    apart = {name: BodyBelief(position=(float(k), 0.0, 0.0)) for k, name in enumerate(given)}
+    found = assess(predict(scene, Belief.of(scene, apart), "sigma_points", 0.02), rollouts=0)
+    assert [" ".join(status.notes) for status in found] == [
+        "has the convex hull of its mesh as its piece, up to 12.3 mm off",
+        "",
+        (
+            "has pieces that are 2.5 mm or more off 1 % of its mesh's surface, and up to 12.3 mm;"
+            " pack it with a smaller tolerance"
+        ),
+        "",
+    ]
 
 
 @pytest.mark.parametrize("name", ["sigma_points", "cloud", "linearization", "auto"])

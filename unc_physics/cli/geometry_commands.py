@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import time
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from ..programs import dying_at_interrupt
 from .arguments import add_options
 from .output import PROGRESS_AFTER, check_output, note, writing
 
+_OPTIONS = {"most": "--pieces", "tolerance": "--tolerance"}  # of arguments of `mesh_pieces`
 _LARGE, _SMALL = 1e4, 1.0  # size range of a body [mm]; outside it, the mesh may have another unit
 
 
@@ -36,7 +38,14 @@ def add_pack_command(commands) -> None:
         metavar="MESH",
         help="mesh file, in metres unless --scale says otherwise; or FILE.urdf#LINK, .sdf#MODEL, .xml#BODY",
     )
-    parser.add_argument("-n", "--spheres", type=int, required=True, metavar="N", help="number of spheres")
+    parser.add_argument(
+        "-n",
+        "--spheres",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="number of spheres, which pictures and physics: paper use (default 1000)",
+    )
     parser.add_argument(
         "-o",
         "--output",
@@ -156,10 +165,14 @@ def run_pack(arguments: argparse.Namespace) -> int:
     _check_positive("-n", arguments.spheres)
     if arguments.pieces is not None:
         _check_positive("--pieces", arguments.pieces)
-    for option in ("scale", "mass", "tolerance"):
+    for option, meaning in (
+        ("scale", "number of metres, 0.001 for a mesh in millimetres"),
+        ("mass", "number of kilograms"),
+        ("tolerance", "number of metres"),
+    ):
         value = getattr(arguments, option)
         if value is not None and not 0.0 < value < float("inf"):
-            raise InvalidOptionError("must be a positive number", field=f"--{option}", value=value)
+            raise InvalidOptionError(f"must be a positive {meaning}", field=f"--{option}", value=value)
     file, _, link = arguments.mesh.partition("#")
     own = link or arguments.mesh
     name = arguments.name or Path(arguments.output or own.replace("::", "_")).stem
@@ -342,15 +355,17 @@ def _pieces(solid, most, tolerance, threads):
         note(f"{error}; without pieces, a small body can pass between spheres")
         return {"pieces": ()}
     except InvalidMeshError as error:
-        problem = error.problem.replace(
-            "ask for more pieces, or allow", "--pieces asks for more, --tolerance for"
-        )
-        raise InvalidMeshError(problem, field=error.field, value=error.value) from None
+        raise InvalidMeshError(as_options(error.problem), field=error.field, value=error.value) from None
     pieces = counted(len(found.pieces), "piece")
     print(f"{pieces}: {found.kind} ({time.perf_counter() - start:.1f} s)\n{error_text(found.error)}")
     if found.note:
-        note(found.note)
+        note(as_options(found.note))
     return found.entries
+
+
+def as_options(text):
+    """Return a text about pieces with the options of ``pack`` in place of arguments."""
+    return re.sub(r"\b(most|tolerance)=", lambda found: f"{_OPTIONS[found[1]]} ", text)
 
 
 def error_text(error) -> str:

@@ -25,7 +25,7 @@ from ..spatial.moments import mean_and_errors
 from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss, kinetic_energies
 from .evidence import Evidence, kinetic_moments, spread_floors
-from .notes import hull_of_mesh, odd_density
+from .notes import inexact_pieces, odd_density
 from .rare_outcomes import MATTER
 from .step_motion import MOST_MOTION
 
@@ -107,7 +107,7 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
         )
         unit = rule.unit and f" {rule.unit}"
         reasons.append(f"{words} ({key} {value:.3g}{unit} above {rule.limit:.3g}{unit})")
-    notes = (hull_of_mesh(scene, body), odd_density(scene, body), *_narrowed_spreads(evidence, body))
+    notes = (inexact_pieces(scene, body), odd_density(scene, body), *_narrowed_spreads(evidence, body))
     notes = tuple(note for note in notes if note is not None)
     return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons), notes)
 
@@ -128,7 +128,7 @@ def _spreads_apart(evidence, body):
 def _narrowed_spreads(evidence, body):
     """Return in words where the removal of overlap took most of a spread that was given."""
     return [
-        f"its {quantity} has a standard deviation of {after:.2g} {unit} at the start, in a direction in which"
+        f"starts with a standard deviation of its {quantity} of {after:.2g} {unit}, in a direction in which"
         f" {before:.2g} {unit} was given: other poses overlap something"
         for quantity, unit, (before, after) in zip(
             _QUANTITIES, _UNITS, evidence.start.narrowed[body], strict=True

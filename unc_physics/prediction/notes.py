@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..scene.scene import Scene
+from ..shapes.mesh_pieces import NOTED
 from ..shapes.packing_file import HULL
 
 _DENSITIES = 0.1, 1e5  # below and above the densities of all materials [kg/m^3]
 
 
-def hull_of_mesh(scene: Scene, body: int) -> str | None:
-    """Return how far a body, by its index, is from its mesh if its piece is only the hull; else None."""
+def inexact_pieces(scene: Scene, body: int) -> str | None:
+    """Return how far a body, by its index, is from its mesh if its pieces are coarse; else None.
+
+    Pieces are coarse if they are only the hull, or `NOTED` by `pack`. Recipes state their error in the docs.
+    """
     model = scene.bodies[body].model
-    if model.pieces_kind != HULL or model.pieces_error is None:
+    if model.pieces_error is None or model.pieces_kind == "recipe" or scene.integrator == "explicit":
         return None
-    return f"has the convex hull of its mesh as its piece, up to {1e3 * model.pieces_error.max():.1f} mm off"
+    _, high, *largest = 1e3 * model.pieces_error
+    if model.pieces_kind == HULL:
+        return f"has the convex hull of its mesh as its piece, up to {max(largest):.1f} mm off"
+    if model.bounds is None or high <= NOTED * 1e3 * np.ptp(model.bounds, axis=0).max():
+        return None
+    return (
+        f"has pieces that are {high:.1f} mm or more off 1 % of its mesh's surface, and up to"
+        f" {max(largest):.1f} mm; pack it with a smaller tolerance"
+    )
 
 
 def odd_density(scene: Scene, body: int) -> str | None:

@@ -11,6 +11,8 @@ from ..checks.names import suggestion
 from ..checks.validation import instance
 from .packing_file import SpherePacking, load_packing
 
+#: Endings of files of which `pack` makes models.
+MESHES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".sdf", ".stl", ".urdf", ".xml")
 SHARE = Path("share") / "unc_physics" / "models"
 
 
@@ -85,6 +87,10 @@ def find_model(name_or_path, models_dir=None) -> Path:
         raise UnknownModelError(
             f"cannot be looked up: {error.value} is no folder", field="model", value=text
         ) from None
+    if text not in models and text.lower().endswith(MESHES):
+        raise UnknownModelError(
+            "is a mesh, and no model; the command pack makes a model of it", field="model", value=text
+        )
     if text not in models:
         folders = ", ".join(str(folder) for folder in models_dirs(models_dir)) or "no folder"
         known = ", ".join(models) or "none"

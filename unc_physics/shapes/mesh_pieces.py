@@ -78,9 +78,10 @@ class MeshPieces(NamedTuple):
         """A sentence if the pieces are far from the mesh, or None."""
         if self.error.high <= NOTED * self.extent:
             return None
+        share, finer = self.error.high / self.extent, 0.5 * self.error.largest
         return (
-            f"1 % of the surface is {1e3 * self.error.high:.2g} mm or more off the pieces, which is"
-            f" {self.error.high / self.extent:.1%} of the extent; more pieces may be nearer"
+            f"1 % of the surface is {1e3 * self.error.high:.2g} mm or more off the pieces,"
+            f" which is {share:.1%} of the extent; tolerance={finer:.1g} [m] asks for more and finer pieces"
         )
 
 
@@ -169,9 +170,12 @@ def mesh_pieces(
     )
     limit = REFUSED * found.extent if tolerance is None else tolerance
     if found.error.largest > limit:
+        allowed = f"tolerance={1.1 * found.error.largest:.2g} [m] allows it"
+        if most is not None or tolerance is None:  # else there are as many pieces as it takes
+            allowed = f"most={2 * (most or PIECES)} asks for more pieces, and {allowed}"
         raise InvalidMeshError(
             f"is {1e3 * found.error.largest:.3g} mm off its {counted(len(found.pieces), 'piece')}, and"
-            f" {1e3 * limit:.3g} mm are allowed; ask for more pieces, or allow a larger tolerance",
+            f" {1e3 * limit:.3g} mm are allowed; {allowed}",
             field=f"mesh {solid.name}",
         )
     return found

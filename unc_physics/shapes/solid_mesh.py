@@ -161,7 +161,9 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
     except UncPhysicsError:
         raise
     except OSError as error:
-        raise InvalidMeshError(f"cannot be read: {error.strerror or error}", field=f"mesh {path}") from error
+        raise InvalidMeshError(
+            f"cannot be read: {error.strerror or error}; check the path", field=f"mesh {path}"
+        ) from error
     except Exception as error:  # trimesh's readers raise whatever the file makes them stumble over
         reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
         raise InvalidMeshError(

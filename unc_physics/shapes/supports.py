@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .distance import even_directions
+from .linear_programme import minimum
 from .solid_mesh import unique_rows, winding_number
 from .triangle_tree import nearest_on_mesh
 
@@ -505,8 +506,6 @@ class _SphereFit:
 
     def solve(self, center, place, rows, limits, equal, equal_to, features, trust):
         """Return centre, radius and merit of the best sphere by the linear programme at a point, or None."""
-        from scipy.optimize import linprog
-
         planes, values = [], []
         for foot, normal, within in features:
             if normal is None:
@@ -525,13 +524,10 @@ class _SphereFit:
         a[-1, :4] = [*-out, -1.0]
         a[len(free_rows) :, 4:] = -np.eye(soft)
         cost = np.array([0.0, 0.0, 0.0, -1.0, *[_GAP_PENALTY] * (soft - 1), _PLACE_PENALTY])
-        bounds = (
-            [(x - trust, x + trust) for x in center] + [(0.0, LARGEST * self.size)] + [(0.0, None)] * soft
-        )
-        found = linprog(cost, a, b, bounds=bounds, method="highs")
-        if found.status != 0:
-            return None
-        return found.x[:3], found.x[3], -found.fun
+        low = np.array([*(center - trust), *[0.0] * (1 + soft)])
+        high = np.array([*(center + trust), LARGEST * self.size, *[np.inf] * soft])
+        found = minimum(cost, a, b, low, high)
+        return None if found is None else (found[0][:3], found[0][3], -found[1])
 
     def polished(self, center, radius, rows, limits, equal, equal_to):
         """Return the sphere (4,) moved onto its faces to round-off, within bounds; None if too small."""
