@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from unc_physics import Belief, BodyBelief, RigidBody, Scene, UncPhysicsError, load_model
+from unc_physics import Belief, BodyBelief, PoseMeasurement, RigidBody, Scene, UncPhysicsError, load_model
 from unc_physics.scene.scene_file import scene_from_dict
 
 PIN = load_model("pin").prefix(20)
@@ -155,3 +155,103 @@ def test_a_scene_file_places_the_model_s_origin():
     )
     np.testing.assert_array_equal(of_python.mean, belief.mean)
     np.testing.assert_array_equal(of_python.blocks, belief.blocks)
+
+
+def _pose_covariance():
+    root = np.random.default_rng(3).normal(size=(6, 6)) * np.repeat([0.01, 0.1], 3)[:, None]
+    return root @ root.T
+
+
+@pytest.mark.parametrize("axes", ["fixed", "body"])
+def test_pose_covariance_has_the_rotations_of_its_axes(axes):
+    # the error of a rotation about fixed axes is R times that about the body's axes
+    P, turn = _pose_covariance(), Rotation.from_euler("xyz", [0.3, -0.7, 2.0])
+    to_body = np.eye(6)
+    to_body[3:, 3:] = turn.as_matrix().T if axes == "fixed" else np.eye(3)
+    found = BodyBelief(
+        orientation=turn.as_quat(), pose_covariance=P, axes=axes, linear_velocity_std=0.2, position=(1, 2, 3)
+    )
+    wanted = np.zeros((12, 12))
+    pose = np.r_[0:3, 6:9]
+    wanted[np.ix_(pose, pose)] = to_body @ P @ to_body.T
+    wanted[3:6, 3:6] = 0.04 * np.eye(3)
+    np.testing.assert_allclose(found.covariance, wanted, atol=1e-15)
+    measured = PoseMeasurement([1, 2, 3, *turn.as_quat()], P, axes=axes).covariance
+    np.testing.assert_allclose(measured, to_body @ P @ to_body.T, atol=1e-15)
+
+
+def test_pose_covariance_in_a_scene_file_is_that_of_python():
+    P = _pose_covariance()
+    body = {"name": "can", "model": "can", "roll_pitch_yaw": {"degrees": [10, 20, 30]}, "origin": "model"}
+    loaded = scene_from_dict({"bodies": [body | {"pose_covariance": P.tolist(), "axes": "fixed"}]})
+    given = BodyBelief(
+        origin="model", roll_pitch_yaw=np.radians([10, 20, 30]), pose_covariance=P, axes="fixed"
+    )
+    wanted = Belief.of(loaded.scene, {"can": given})
+    np.testing.assert_array_equal(loaded.belief.mean, wanted.mean)
+    np.testing.assert_array_equal(loaded.belief.covariance, wanted.covariance)
+
+
+def test_angles_in_degrees_turn_elements_and_paths():
+    quarter = Rotation.from_euler("z", 90, degrees=True).as_quat()
+    turned = {"roll_pitch_yaw": {"degrees": [0, 0, 90]}}
+    loaded = scene_from_dict(
+        {
+            "environment": [{"box": {"size": [1, 2, 3], **turned}}],
+            "bodies": [
+                {"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1},
+                {
+                    "name": "hand",
+                    "shape": {"sphere": {"radius": 0.1}},
+                    "trajectory": [{"time": t, "position": [5, 0, t], **turned} for t in (0, 1)],
+                },
+            ],
+        }
+    )
+    np.testing.assert_allclose(loaded.scene.environment[0].orientation, quarter, atol=1e-15)
+    np.testing.assert_allclose(loaded.scene.bodies[1].trajectory.orientations, [quarter] * 2, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "place, entries, words",
+    [
+        ("body", {"pose_covariance": np.eye(6).tolist()}, r"bodies\[0\].axes must be 'fixed'"),
+        (
+            "body",
+            {"pose_covariance": np.eye(6).tolist(), "axes": "world"},
+            r"axes must be 'fixed' .* or 'body', .*\(got 'world'\)",
+        ),
+        ("body", {"axes": "body"}, r"bodies\[0\].axes needs pose_covariance beside it"),
+        ("body", {"pose_covariance": np.eye(5).tolist(), "axes": "body"}, "must be a list of 6 rows"),
+        ("body", {"covariance": np.eye(6).tolist()}, "is pose_covariance"),
+        (
+            "body",
+            {"pose_covariance": np.eye(6).tolist(), "axes": "body", "position_std": 0.1},
+            "pose_covariance must not be given beside position_std",
+        ),
+        (
+            "body",
+            {"pose_covariance": np.eye(6).tolist(), "axes": "body", "covariance": np.eye(12).tolist()},
+            "covariance must not be given beside pose_covariance",
+        ),
+        ("body", {"roll_pitch_yaw": {"radians": [0, 0, 1]}}, "has no key 'radians'"),
+        ("body", {"roll_pitch_yaw": {}}, r"roll_pitch_yaw.degrees must be a list of 3 numbers"),
+        (
+            "box",
+            {"roll_pitch_yaw": [0, 0, 1], "orientation": [0, 0, 0, 1]},
+            r"environment\[0\].box.roll_pitch_yaw must not be given beside orientation",
+        ),
+        ("sphere", {"roll_pitch_yaw": [0, 0, 1], "radius": 1}, "has no key 'roll_pitch_yaw'"),
+    ],
+)
+def test_bad_poses_are_named(place, entries, words):
+    body = {"name": "pin", "model": "pin"} | (entries if place == "body" else {})
+    shape = {"size": [1, 1, 1]} if place == "box" else {}
+    elements = [] if place == "body" else [{place: shape | entries}]
+    with pytest.raises(UncPhysicsError, match=words):
+        scene_from_dict({"bodies": [body], "environment": elements})
+
+
+def test_a_measured_matrix_needs_its_axes():
+    with pytest.raises(UncPhysicsError, match="^axes must be 'fixed'"):
+        PoseMeasurement([0, 0, 0, 0, 0, 0, 1], np.eye(6))

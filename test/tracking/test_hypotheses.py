@@ -148,7 +148,10 @@ def test_measurements_are_checked_and_have_a_least_variance():
     P = np.diag([1e-4, 0.0, 0.0, 4e-2, 0.0, 0.0])
     least = np.repeat([1e-16, 4e-14], 3)
     q = 1.0005 * TURN.as_quat()
-    for one in (PoseMeasurement(pose((1, 2, 3), q), P), RelativePoseMeasurement("a", pose((1, 2, 3), q), P)):
+    for one in (
+        PoseMeasurement(pose((1, 2, 3), q), P, axes="body"),
+        RelativePoseMeasurement("a", pose((1, 2, 3), q), P),
+    ):
         found = one.observation(BODY)
         np.testing.assert_allclose(found.noise, P + np.diag(least), rtol=1e-12)
         np.testing.assert_allclose(found.value, pose((1, 2, 3), TURN.as_quat()))
@@ -160,7 +163,7 @@ def test_measurements_are_checked_and_have_a_least_variance():
         RelativePoseMeasurement("", pose((1, 2, 3)), P)
     for P in (np.zeros((6, 6)), np.diag([1, 1, 1, 0, 0, 0.0])):
         with pytest.raises(UncPhysicsError, match="must be positive for position and rotation"):
-            PoseMeasurement(pose((1, 2, 3)), P)
+            PoseMeasurement(pose((1, 2, 3)), P, axes="body")
 
 
 # -- symmetries --------------------------------------------------------------------------------------
@@ -178,7 +181,7 @@ def test_a_measured_rotation_is_replaced_by_the_equivalent_one_that_is_nearest()
     for seed in range(6):
         measured, expected = Rotation.random(2, random_state=seed)
         body = state(orientation=expected.as_quat())
-        observation = PoseMeasurement(pose((0, 0, 0), measured.as_quat()), P).observation(BODY)
+        observation = PoseMeasurement(pose((0, 0, 0), measured.as_quat()), P, axes="body").observation(BODY)
         found = folded(symmetry, observation, body, state())
         turned = Rotation.from_quat(found.value[3:])
         best = (expected.inv() * measured * equivalents).magnitude().min()

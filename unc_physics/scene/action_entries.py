@@ -7,9 +7,10 @@ import numpy as np
 from ..checks.errors import InvalidRequestError
 from ..checks.validation import number
 from .actions import PosePath, Wrench
-from .entries import at_field, check_keys, read_numbers
+from .entries import ORIENTATION, ROLL_PITCH_YAW, at_field, check_keys, read_numbers, read_orientation
 
-_POSE_KEYS = ("time", "position", "orientation", "linear_velocity", "angular_velocity")
+_VELOCITIES = ("linear_velocity", "angular_velocity")
+_POSE_KEYS = ("time", "position", ORIENTATION, ROLL_PITCH_YAW, *_VELOCITIES)
 _WRENCH_KEYS = ("force", "torque", "body_axes", "start", "duration")
 
 
@@ -18,7 +19,7 @@ def read_path(poses, place) -> PosePath:
     if not isinstance(poses, list):
         raise InvalidRequestError("must be a list of poses", field=place, value=poses)
     count = len(poses)
-    read = {key: np.full((count, 3), np.nan) for key in _POSE_KEYS[3:]}
+    read = {key: np.full((count, 3), np.nan) for key in _VELOCITIES}
     times, positions, orientations = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 4))
     for k, pose in enumerate(poses):
         entry = f"{place}[{k}]"
@@ -28,8 +29,8 @@ def read_path(poses, place) -> PosePath:
                 raise InvalidRequestError("must be given", field=f"{entry}.{key}")
         times[k] = number(pose["time"], f"{entry}.time")
         positions[k] = read_numbers(pose["position"], (3,), f"{entry}.position")
-        given = pose.get("orientation")
-        orientations[k] = (0, 0, 0, 1) if given is None else read_numbers(given, (4,), f"{entry}.orientation")
+        given = read_orientation(pose, entry)
+        orientations[k] = (0, 0, 0, 1) if given is None else given
         for key, values in read.items():
             if pose.get(key) is not None:
                 values[k] = read_numbers(pose[key], (3,), f"{entry}.{key}")

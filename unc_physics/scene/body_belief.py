@@ -24,7 +24,7 @@ from ..spatial.layout import (
     STATE,
     VELOCITY,
 )
-from ..spatial.rotation import rotation_matrix
+from ..spatial.rotation import from_roll_pitch_yaw, rotation_matrix
 
 #: Slices of the state and of the error state for each field.
 MEANS = {"position": POSITION, "linear_velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}
@@ -36,6 +36,10 @@ STDS = {
 }
 #: Points of a body to which its position and velocity may refer.
 ORIGINS = ("center_of_mass", "model")
+#: Axes of the rotations of a pose's covariance: the world's, as in ROS, or the body's.
+AXES = ("fixed", "body")
+#: Places of a pose in the error state.
+POSE_ERRORS = np.r_[ERR_POSITION, ERR_ROTATION]
 _STD_LIMIT, _FULL_TURN = 1e150, 2.0 * math.pi
 
 
@@ -69,6 +73,12 @@ class BodyBelief:
         Along the world's axes [m/s].
     angular_velocity_std : (3,) array
         About the world's axes [rad/s].
+    pose_covariance : (6, 6) array, optional
+        Alternative to the standard deviations of position and orientation: covariance of position, along the
+        world's axes [m^2], and of rotation, about ``axes`` [rad^2].
+    axes : {'fixed', 'body'}
+        Axes of the rotations of ``pose_covariance``, without a default: the world's fixed axes, as in ROS, or
+        the body's.
     covariance : (12, 12) array
         Alternative to the standard deviations: covariance of position, linear velocity, rotation about the
         body axes, and angular velocity, as in `Belief`. By default computed from the standard deviations.
@@ -91,6 +101,8 @@ class BodyBelief:
     orientation_std: Array = array_field(0.0)
     linear_velocity_std: Array = array_field(0.0)
     angular_velocity_std: Array = array_field(0.0)
+    pose_covariance: MaybeArray = array_field(None)
+    axes: str | None = None
     covariance: OptionalArray = array_field(None)
 
     def __post_init__(self):
@@ -106,19 +118,9 @@ class BodyBelief:
                 field="orientation_std",
                 value=self.orientation_std,
             )
-        if self.covariance is None:
-            std = np.zeros(ERROR)
-            for name, place in STDS.items():
-                std[place] = checked[name]
-            P = np.diag(std**2)
-            P.flags.writeable = False
-        else:
-            for name in STDS:
-                if checked[name].any():
-                    raise InvalidRequestError(f"must not be given beside {name}", field="covariance")
-            P = covariance(self.covariance, ERROR, "covariance")
-            std = np.sqrt(np.maximum(P.diagonal(), 0.0))
-            checked |= {name: std[place] for name, place in STDS.items()}
+        P = self._checked_covariance(checked, checked["orientation"])
+        std = np.sqrt(np.maximum(P.diagonal(), 0.0))
+        checked |= {name: std[place] for name, place in STDS.items()}
         for name, value in (checked | {"covariance": P}).items():
             object.__setattr__(self, name, value)
 
@@ -131,15 +133,31 @@ class BodyBelief:
             raise InvalidRequestError("must not be given beside orientation", field="roll_pitch_yaw")
         angles = array(self.roll_pitch_yaw, (3,), "roll_pitch_yaw")
         object.__setattr__(self, "roll_pitch_yaw", None)
-        cr, cp, cy = np.cos(0.5 * angles)
-        sr, sp, sy = np.sin(0.5 * angles)
-        q = [
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ]
-        return quaternion(q, "roll_pitch_yaw")
+        return quaternion(from_roll_pitch_yaw(angles), "roll_pitch_yaw")
+
+    def _checked_covariance(self, stds, orientation):
+        """Covariance (12, 12) from the standard deviations, the pose's covariance, or as it was given."""
+        whole, pose = self.covariance, self.pose_covariance
+        others = {"covariance": STDS, "pose_covariance": ("position_std", "orientation_std")}
+        if whole is not None and pose is not None:
+            raise InvalidRequestError("must not be given beside pose_covariance", field="covariance")
+        for field, value in (("covariance", whole), ("pose_covariance", pose)):
+            for name in () if value is None else others[field]:
+                if stds[name].any():
+                    raise InvalidRequestError(f"must not be given beside {name}", field=field)
+        if pose is None and self.axes is not None:
+            raise InvalidRequestError("needs pose_covariance beside it", field="axes", value=self.axes)
+        if whole is not None:
+            return covariance(whole, ERROR, "covariance")
+        P = np.zeros((ERROR, ERROR))
+        for name, place in STDS.items():
+            P[place, place] = np.diag(stds[name] ** 2)
+        if pose is not None:
+            P[np.ix_(POSE_ERRORS, POSE_ERRORS)] = pose_covariance(pose, self.axes, orientation)
+            object.__setattr__(self, "pose_covariance", None)
+            object.__setattr__(self, "axes", None)
+        P.flags.writeable = False
+        return P
 
     def at_center_of_mass(self, model_origin: np.ndarray) -> BodyBelief:
         """Return the same belief with the centre of mass as its origin.
@@ -173,6 +191,34 @@ class BodyBelief:
                 raise InvalidRequestError(
                     "must be zero or absent: the body is fixed", field=name, value=value.tolist()
                 )
+
+
+def pose_covariance(value, axes, orientation, field="pose_covariance") -> np.ndarray:
+    """Return the covariance (6, 6) of position and rotation about the body's axes.
+
+    Parameters
+    ----------
+    value : (6, 6) array
+        Covariance with rotations about ``axes``.
+    axes : {'fixed', 'body'}
+        The world's or the body's.
+    orientation : (4,) array
+        Quaternion of ``R_world_body``.
+    field : str
+        Name of the value in errors.
+    """
+    if axes not in AXES:
+        raise InvalidRequestError(
+            f"must be 'fixed' (the world's axes, as in ROS) or 'body', the axes of the rotations of {field}",
+            field="axes",
+            value=axes,
+        )
+    P = covariance(value, 6, field)
+    if axes == "body":
+        return P
+    to_body = np.eye(6)
+    to_body[3:, 3:] = rotation_matrix(orientation).T
+    return to_body @ P @ to_body.T
 
 
 def three_stds(value, field) -> np.ndarray:

@@ -9,7 +9,10 @@ import numpy as np
 from ..checks.errors import InvalidRequestError, UncPhysicsError
 from ..checks.names import hint, removed
 from ..checks.validation import array, number
+from ..spatial.rotation import from_roll_pitch_yaw
 from .body_belief import three_stds
+
+ORIENTATION, ROLL_PITCH_YAW = "orientation", "roll_pitch_yaw"
 
 
 def at_field(field, function, *arguments, **options):
@@ -24,6 +27,24 @@ def read_std(value, field):
     """Return standard deviations (3,) from three numbers, or from one that stands for all."""
     value = read_numbers(value, (3,), field) if isinstance(value, list) else number(value, field)
     return three_stds(value, field)
+
+
+def read_orientation(content, field, error: type[UncPhysicsError] = InvalidRequestError):
+    """Return the quaternion (4,) of the key ``orientation`` or ``roll_pitch_yaw``; None without either."""
+    found, turned = None, None
+    if content.get(ORIENTATION) is not None:
+        found = read_numbers(content[ORIENTATION], (4,), f"{field}.{ORIENTATION}", error)
+    value, place = content.get(ROLL_PITCH_YAW), f"{field}.{ROLL_PITCH_YAW}"
+    if isinstance(value, dict):
+        check_keys(value, ("degrees",), place, error)
+        turned = np.radians(read_numbers(value.get("degrees"), (3,), f"{place}.degrees", error))
+    elif value is not None:
+        turned = read_numbers(value, (3,), place, error)
+    if turned is None:
+        return found
+    if found is not None:
+        raise error(f"must not be given beside {ORIENTATION}", field=place)
+    return from_roll_pitch_yaw(turned)
 
 
 def read_numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> Any:

@@ -30,7 +30,15 @@ from .action_entries import read_path, read_wrenches
 from .belief import Belief
 from .body import RigidBody, known_mass
 from .body_belief import MEANS, STDS, BodyBelief
-from .entries import at_field, check_keys, read_numbers, read_std
+from .entries import (
+    ORIENTATION,
+    ROLL_PITCH_YAW,
+    at_field,
+    check_keys,
+    read_numbers,
+    read_orientation,
+    read_std,
+)
 from .environment import ELEMENTS, Element, quantities, surface_tilt_std
 from .materials import Surface, check_surface
 from .physics_keys import OVERLAPS, PHYSICS_KEYS
@@ -83,7 +91,7 @@ def _covariance(value, field):
     if isinstance(value, (list, tuple)) and len(value) != ERROR:
         raise InvalidRequestError(
             f"must have {ERROR} rows, three each for position, linear velocity, rotation about the body's"
-            " axes and angular velocity",
+            " axes and angular velocity; a matrix of position and rotation is pose_covariance",
             field=field,
             value=value,
         )
@@ -94,10 +102,10 @@ def _covariance(value, field):
 _BELIEF = {
     "origin": _as_it_is,
     **dict.fromkeys(MEANS, _vector),
-    "orientation": lambda value, field: read_numbers(value, (4,), field),
-    "roll_pitch_yaw": _vector,
     **dict.fromkeys(STDS, read_std),
     "covariance": _covariance,
+    "pose_covariance": lambda value, field: read_numbers(value, (6, 6), field),
+    "axes": _as_it_is,
 }
 _ACTIONS = {
     "trajectory_std": lambda value, field: read_numbers(value, (6,) if value != 0 else (), field),
@@ -106,7 +114,17 @@ _ACTIONS = {
     "wrenches": read_wrenches,
     "drag": non_negative,
 }
-_BODY_KEYS = (*_MODEL_KEYS, *_BELIEF, "fixed", "at_rest", "trajectory", *_ACTIONS, *_SURFACE_KEYS)
+_BODY_KEYS = (
+    *_MODEL_KEYS,
+    *_BELIEF,
+    ORIENTATION,
+    ROLL_PITCH_YAW,
+    "fixed",
+    "at_rest",
+    "trajectory",
+    *_ACTIONS,
+    *_SURFACE_KEYS,
+)
 
 
 class LoadedScene(NamedTuple):
@@ -295,15 +313,18 @@ def _element(content, field):
         raise error("must be a text", field=f"{field}.name", value=name)
     entries, place = content[kind], f"{field}.{kind}"
     known = quantities(ELEMENTS[kind])
-    check_keys(entries, known, place, error)
+    turned = ROLL_PITCH_YAW if ORIENTATION in known else ""
+    check_keys(entries, (*known, turned) if turned else known, place, error)
     for spec in dataclasses.fields(ELEMENTS[kind]):
         if spec.name in known and spec.default is dataclasses.MISSING and entries.get(spec.name) is None:
             raise error("must be given", field=f"{place}.{spec.name}")
     given = {
         key: read_numbers(value, known[key].shape, f"{place}.{key}", error)
         for key, value in entries.items()
-        if value is not None
+        if value is not None and key not in (ORIENTATION, ROLL_PITCH_YAW)
     }
+    if (orientation := read_orientation(entries, place, error)) is not None:
+        given[ORIENTATION] = orientation
     surface = _surface(content, field, error)
     if content.get("surface_tilt_std") is not None:
         surface["surface_tilt_std"] = surface_tilt_std(
@@ -331,11 +352,9 @@ def _body(content, field, models_dir, folder):
     if not isinstance(fixed, bool):
         raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
     trajectory = _trajectory(content, field)
-    if content.get("covariance") is not None:
-        for key in STDS:
-            if content.get(key) is not None:
-                raise InvalidRequestError(f"must not be given beside {key}", field=f"{field}.covariance")
-    belief = at_field(field, BodyBelief, **_read(content, field, _BELIEF))
+    belief = at_field(
+        field, BodyBelief, orientation=read_orientation(content, field), **_read(content, field, _BELIEF)
+    )
     mass_std, com_std = (
         0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std")
     )
@@ -429,7 +448,7 @@ def _trajectory(content, field):
     """Return the path of a body, or None."""
     if content.get("trajectory") is None:
         return None
-    for key in _BELIEF:
+    for key in (*_BELIEF, ORIENTATION, ROLL_PITCH_YAW):
         if content.get(key) is not None:
             raise InvalidRequestError(
                 "must be absent: the body's trajectory says where it is", field=f"{field}.{key}"

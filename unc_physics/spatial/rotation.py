@@ -160,6 +160,20 @@ def rotate_vectors(q, vectors):
     return vectors + q[..., 3:] * once + np.cross(q[..., :3], once)
 
 
+def from_roll_pitch_yaw(angles):
+    """Quaternion (4,) of turns about the world's x, then y, then z axis [rad], as in URDF."""
+    cr, cp, cy = np.cos(0.5 * angles)
+    sr, sp, sy = np.sin(0.5 * angles)
+    return np.array(
+        [
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        ]
+    )
+
+
 def exp_vectors(turns):
     """Return the unit quaternions (..., 4) of rotation vectors (..., 3) [rad]; not for kernels."""
     half = 0.5 * np.linalg.norm(turns, axis=-1, keepdims=True)

@@ -12,12 +12,10 @@ from ..checks.errors import InvalidCovarianceError, InvalidRequestError
 from ..checks.names import one_of
 from ..checks.validation import array, covariance, point, quaternion
 from ..scene.body import RigidBody
-from ..scene.body_belief import ORIGINS, BodyBelief
-from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR
+from ..scene.body_belief import ORIGINS, POSE_ERRORS, BodyBelief, pose_covariance
+from ..spatial.layout import ERROR
 from .observation import POSE, POSITION, RELATIVE_POSE
 
-#: Places of a pose in the error state.
-POSE_ERRORS = np.r_[ERR_POSITION, ERR_ROTATION]
 #: Least variance, of the largest of its block of three: a measurement without error has no density.
 _LEAST_VARIANCE = 1e-12
 
@@ -58,10 +56,14 @@ class PoseMeasurement:
     pose : (7,) array
         Position [m] and quaternion (x, y, z, w) of ``R_world_body``, world frame.
     covariance : (6, 6) array
-        Of the position, along the world's axes [m^2], then of the rotation, about the body's axes [rad^2]:
-        the pose's part of the error state. Six numbers are standard deviations.
+        Of the position, along the world's axes [m^2], then of the rotation, about ``axes`` [rad^2]. Six
+        numbers are standard deviations, about the body's axes unless ``axes`` says otherwise. It is stored
+        about the body's axes, as in the error state.
     origin : {'center_of_mass', 'model'}
         The point whose position was measured: the centre of mass, or the origin of the model's coordinates.
+    axes : {'fixed', 'body'}
+        Axes of the rotations of the covariance, without a default for a matrix: the world's fixed axes, as
+        in ROS, or the body's.
 
     Raises
     ------
@@ -73,10 +75,16 @@ class PoseMeasurement:
     pose: Array = array_field()
     covariance: Array = array_field()
     origin: str = "center_of_mass"
+    axes: str | None = None
 
     def __post_init__(self):
         object.__setattr__(self, "pose", _checked_pose(self.pose))
-        object.__setattr__(self, "covariance", _checked_covariance(self.covariance, 6))
+        axes = "body" if self.axes is None and np.ndim(self.covariance) == 1 else self.axes
+        P = _checked_covariance(self.covariance, 6)
+        P = pose_covariance(P, axes, self.pose[3:], "covariance")
+        P.flags.writeable = False
+        object.__setattr__(self, "covariance", P)
+        object.__setattr__(self, "axes", "body")
         if self.origin not in ORIGINS:
             raise InvalidRequestError(one_of(self.origin, ORIGINS), field="origin", value=self.origin)
 

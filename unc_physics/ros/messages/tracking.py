@@ -20,7 +20,6 @@ from ...scene.origins import gaussian_at_origins
 from ...scene.scene import Scene
 from ...spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ...spatial.origin import at_origin
-from ...spatial.rotation import rotation_matrix
 from ...tracking.hypotheses import UNKNOWN_SPIN, UNKNOWN_VELOCITY
 from ...tracking.measurements import PoseMeasurement
 from ...tracking.report import TrackStatus
@@ -62,10 +61,8 @@ def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> Pos
     position = point(xyz(observed.pose.position), "pose.position")
     q = quaternion(xyzw(observed.pose.orientation), "pose.orientation")
     P = defaults.known_pose(observed.belief.pose_covariance, "pose.covariance").with_unmeasured()
-    to_body = np.eye(6)
-    to_body[3:, 3:] = rotation_matrix(np.array(q)).T  # messages have rotations about fixed axes
     try:
-        return PoseMeasurement([*position, *q], to_body @ P @ to_body.T, origin="model")
+        return PoseMeasurement([*position, *q], P, origin="model", axes="fixed")
     except UncPhysicsError as error:
         raise error.at(f"pose.{error.field}") from None
 
