@@ -29,7 +29,6 @@ PAGES = (
     "README.md",
     "docs/tutorials/*.md",
     "docs/how-to/*.md",
-    "docs/explanation/mean_modes_probabilities.md",
     "docs/explanation/shapes.md",
     "docs/explanation/sphere_packings.md",
     "docs/explanation/what_to_believe.md",

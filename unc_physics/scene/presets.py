@@ -10,7 +10,7 @@ _EVERYDAY = {
     "gyroscopic": True,
 }
 #: Arguments of `Scene` for each value of a scene file's key ``physics``. Friction and restitution of
-#: ``everyday`` are a prior for unknown household objects (sources: `docs/explanation/unknown_objects.md`).
+#: ``everyday`` are a prior for unknown household objects (sources: `docs/how-to/uncertain-parameters.md`).
 PRESETS = {
     "paper": {"gravity": (0.0, 0.0, 0.0)},
     "everyday": _EVERYDAY
