@@ -1,6 +1,7 @@
 """What rollouts do not depend on, what they remember, and what is drawn for each of them."""
 
 import math
+from dataclasses import replace
 
 import numba
 import numpy as np
@@ -124,6 +125,25 @@ def test_contacts_of_a_shorter_last_step_have_its_impulse_and_its_things():
     rest, m = 0.251 - 60 * scene.dt, scene.bodies[0].mass
     for ground, weight in ((found["second"] == 0, 2.0), (found["second"] == 1, 1.0)):
         np.testing.assert_allclose(found["impulse"][ground].sum(axis=0)[2], weight * m * G * rest, rtol=1e-3)
+
+
+def test_what_rests_slides_with_less_friction_and_falls_when_it_is_lifted():
+    angle, half = 0.2, 0.061
+    slope = world(
+        solid_box("box", (0.078, 0.046, 2.0 * half), 0.52),
+        gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle)),
+    )
+    propagator = make_propagator("monte_carlo", samples=1)
+    rested = carry_after(slope, belief_of(slope, box={"position": (0.0, 0.0, half)}), propagator, [240])
+    assert (rested.states[0, 0, 3:6] == 0.0).all()
+    slid = propagator.advance(rested, replace(slope, friction=0.05), 240)
+    way = 0.5 * G * (math.sin(angle) - 0.05 * math.cos(angle))
+    assert slid.states[0, 0, 0] == pytest.approx(way, rel=1e-3)
+
+    lifted = rested.states + np.eye(1, 13, 2) * 1e-6
+    histories_ = histories.moved(rested.contact_history)
+    fell = propagator.advance(rested._replace(states=lifted, contact_history=histories_), slope, 2)
+    assert fell.states[0, 0, 2] < half - 1e-7
 
 
 def test_contacts_of_the_explicit_step_are_no_data():

@@ -118,6 +118,7 @@ from .columns import (
     WARM,
     WARM_MOMENT,
     WAY,
+    WENT,
     E,
 )
 from .motion import back, roll_arm, roll_axis, symmetric_times, turn, turned, write
@@ -301,7 +302,7 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     write(C, n, NORMAL, normal)
     write(C, n, LEVER_A, ra)
     write(C, n, LEVER_B, rb)
-    C[n, GAP0], C[n, FACE_OF], C[n, SINCE] = gap, face, 0.0
+    C[n, GAP0], C[n, FACE_OF], C[n, SINCE], C[n, WENT] = gap, face, 0.0, math.inf
     write(C, n, WARM, (0.0, 0.0, 0.0))
     write(C, n, WARM_MOMENT, (0.0, 0.0, 0.0))
     best, which = SAME_POINT * SAME_POINT, -1
@@ -737,6 +738,11 @@ def remember(n, C, Y, search):
     pairs = search.pairs
     for k in range(n):
         a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
+        _index(k, C, pairs)
+        C[k, WENT] = Y[a, WAY] + Y[b, WAY]
+        C[k, SINCE] += C[k, WENT]
+        if C[k, WENT] == 0.0:
+            continue
         ra, rb, d = levers(C, k, Y, 0.0, NEARBY)
         C[k, GAP0] += d
         if C[k, POINTED] > 0.0:
@@ -744,14 +750,12 @@ def remember(n, C, Y, search):
             write(C, k, EDGE, e)
             _aim(C, k, apart)
             C[k, GAP0] = math.sqrt(dot(apart, apart)) - C[k, RHO_A] - C[k, RHO_B]
-        C[k, SINCE] += Y[a, WAY] + Y[b, WAY]
         if C[k, LATHE_A] > 0.0:
             ra = minus(ra, roll_arm(Y, a))
         if C[k, LATHE_B] > 0.0:
             rb = minus(rb, roll_arm(Y, b))
         write(C, k, LEVER_A, ra)
         write(C, k, LEVER_B, rb)
-        _index(k, C, pairs)
 
 
 @inner

@@ -41,6 +41,7 @@ from .columns import (
     STATE,
     STEP_NUMBER,
     UNKNOWNS,
+    WAY,
 )
 from .contacts import restore, store
 from .drives import next_change
@@ -273,7 +274,7 @@ def _load(x, rows, contacts, quiet, m, world, variation, own, work):
         Y[i, RADIUS] += math.sqrt(dot(offset, offset))
         arm, axis = minus(three(Y, i, ARM), offset), three(Y, i, AXIS)
         write(Y, i, ARM, minus(arm, times(dot(arm, axis), axis)))
-        Y[i, QUIET] = quiet[i]
+        Y[i, QUIET], Y[i, WAY] = quiet[i], math.inf  # nobody knows how far it went
         pose(Y, i)
     tilted = variation.frames[m]
     for k in range(len(tilted)):

@@ -105,12 +105,23 @@ def kick(Y, C, k, ln, l1, l2):
 
 
 @inner
-def _twist_by(Y, C, k, moment):
-    """Apply a moment's impulse (world axes) to both bodies."""
+def _twist_by(Y, C, k, m, w):
+    """Apply a moment's impulse along normal and tangents to the angular velocities in column w on."""
     a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-    write(Y, b, SPIN, plus(three(Y, b, SPIN), symmetric_times(Y, b, IWORLD, moment)))
+    moment = plus(times(m[1], three(C, k, TAN1)), times(m[2], three(C, k, TAN2)))
+    moment = plus(times(m[0], three(C, k, NORMAL)), moment)
+    write(Y, b, w, plus(three(Y, b, w), symmetric_times(Y, b, IWORLD, moment)))
     if Y[a, IMASS] > 0.0:
-        write(Y, a, SPIN, minus(three(Y, a, SPIN), symmetric_times(Y, a, IWORLD, moment)))
+        write(Y, a, w, minus(three(Y, a, w), symmetric_times(Y, a, IWORLD, moment)))
+
+
+@inner
+def bear(Y, C, k, f, m, v, w):
+    """Apply a contact's impulse f and that of its moment m, along normal and tangents, as `push`."""
+    along = plus(times(f[0], three(C, k, NORMAL)), times(f[1], three(C, k, TAN1)))
+    push(Y, C, k, plus(along, times(f[2], three(C, k, TAN2))), v, w)
+    if C[k, TWIST] > 0.0 or C[k, ROLL] > 0.0:
+        _twist_by(Y, C, k, m, w)
 
 
 @inner(noinline=True, error_model="numpy")
@@ -132,7 +143,7 @@ def _resist(Y, C, k):
     new = m, x, y
     d = minus(new, old)
     write(C, k, MOMENT, new)
-    _twist_by(Y, C, k, plus(times(d[0], n), plus(times(d[1], t1), times(d[2], t2))))
+    _twist_by(Y, C, k, d, SPIN)
     return abs(d[0]) * easy * C[k, TWIST] + (abs(d[1]) + abs(d[2])) * C[k, ROLL_SPEED]
 
 
@@ -216,11 +227,7 @@ def start_warm(first, last, C, Y, h):
         write(C, k, LN, times(share, three(C, k, WARM)))
         write(C, k, MOMENT, times(share, three(C, k, WARM_MOMENT)))
         if C[k, LN] > 0.0:
-            kick(Y, C, k, C[k, LN], C[k, L1], C[k, L2])
-            if C[k, TWIST] > 0.0 or C[k, ROLL] > 0.0:
-                m = three(C, k, MOMENT)
-                across = plus(times(m[1], three(C, k, TAN1)), times(m[2], three(C, k, TAN2)))
-                _twist_by(Y, C, k, plus(times(m[0], three(C, k, NORMAL)), across))
+            bear(Y, C, k, three(C, k, LN), three(C, k, MOMENT), VEL, SPIN)
 
 
 @inner

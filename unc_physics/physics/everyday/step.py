@@ -25,6 +25,7 @@ from .columns import (
     GAP,
     GAP0,
     GROUP,
+    HELD,
     IMASS,
     IMPULSE,
     LN,
@@ -33,6 +34,7 @@ from .columns import (
     MEMBERS,
     MODE,
     MOVED,
+    MU,
     NORMAL,
     OPPOSITE,
     PUSH_V,
@@ -48,6 +50,7 @@ from .columns import (
     SLOP,
     SPIN,
     SQUEEZED,
+    STANDS,
     START,
     SUBSTEPS,
     SURFACE_A,
@@ -60,7 +63,9 @@ from .columns import (
     VEL,
     VISITS,
     WARM,
+    WARM_MOMENT,
     WAY,
+    WENT,
 )
 from .contacts import approach, complete, find, forget, note, remember, spread
 from .direct import solve_directly
@@ -69,9 +74,10 @@ from .groups import group_contacts, members_of
 from .impacts import impacts, landing
 from .motion import free_turn, move, roll_arm, write
 from .search import FULL, Search, Solids
-from .solve import HOLDS, WAITS, keep_warm, push_out, slides, solve, start_warm
+from .solve import HOLDS, WAITS, bear, keep_warm, push_out, slides, solve, start_warm
 
 _END = 1e-9  # share of a step that is no step
+_WITHIN = 1.0 + 1e-6  # share of a cone of friction that is within it
 _AT_ONCE = 1e-6  # share of a step within which an impact is now
 
 
@@ -126,6 +132,9 @@ def take_step(before, bodies, begin, end, fresh, actions, own, work):
         changed.
     """
     Y, C, groups, solids = work.Y, work.C, work.groups, work.solids
+    if _all_stay(bodies, end - begin, Y, actions):
+        _bear(0, before, C, end - begin)
+        return before
     begin_drives(begin, end, Y, actions, own, work.states)
     plan_forces(bodies, begin, end, Y, own.par, actions)
     n = find(bodies, end - begin, before, Y, solids, work.found, C, work.search, work.count)
@@ -139,7 +148,8 @@ def take_step(before, bodies, begin, end, fresh, actions, own, work):
     for j in range(number):
         members = groups[MEMBERS, : members_of(bodies, j, groups)]
         first, last = groups[START, j], groups[START, j + 1]
-        if _asleep(first, last, members, C, Y, own.par):
+        if _rests(first, last, members, C, Y, end - begin) or _asleep(first, last, members, C, Y, own.par):
+            _stop(members, Y)
             _bear(first, last, C, end - begin)
         else:
             _advance(first, last, members, begin, end, fresh, actions, own, work)
@@ -292,9 +302,41 @@ def _hold(rounds, first, last, members, C, Y, h, matrix, count):
             count[SETTLED] += solve_directly(first, last, C, Y, h, matrix)
 
 
+@inner(noinline=True)
+def _rests(first, last, members, C, Y, dt):
+    """Return whether a group stays where it is: all is slow, and the forces of its contacts hold its bodies.
+
+    To compute it would give the same up to the tolerance of the sweeps.
+    """
+    for i in members:
+        if Y[i, QUIET] == 0.0 or _pace(Y, i, VEL, SPIN) > STANDS:
+            return False
+        write(Y, i, PUSH_V, three(Y, i, ACCEL))
+        write(Y, i, PUSH_W, (0.0, 0.0, 0.0))
+    for k in range(first, last):
+        a = int(C[k, BODY_A])
+        if C[k, WENT] > STANDS * dt or (Y[a, DRIVEN] > 0.0 and Y[a, REACH] > 0.0):
+            return False
+        if C[k, WARM + 1] ** 2 + C[k, WARM + 2] ** 2 > (_WITHIN * C[k, MU] * C[k, WARM]) ** 2:
+            return False
+        approach(C, k, Y, dt, True)
+        bear(Y, C, k, three(C, k, WARM), three(C, k, WARM_MOMENT), PUSH_V, PUSH_W)
+    for i in members:
+        if _pace(Y, i, PUSH_V, PUSH_W) > HELD:
+            return False
+    return True
+
+
+@inner
+def _pace(Y, i, v, w):
+    """Return a bound of the speed of body i's points, from the velocities in columns v and w."""
+    a, b = three(Y, i, v), three(Y, i, w)
+    return math.sqrt(dot(a, a)) + Y[i, RADIUS] * math.sqrt(dot(b, b))
+
+
 @inner
 def _asleep(first, last, members, C, Y, par):
-    """Return whether a group sleeps; if so it is stopped. What drives or carries on keeps it awake."""
+    """Return whether a group sleeps. What drives or carries on keeps it awake."""
     if par[SLEEP] == 0.0:
         return False
     for i in members:
@@ -308,12 +350,7 @@ def _asleep(first, last, members, C, Y, par):
             return False
         if C[k, BELT_U + 1] != 0.0 or C[k, BELT_U + 2] != 0.0:
             return False
-    if not bears:  # as after the search of what was moved from outside
-        return False
-    for i in members:
-        write(Y, i, VEL, (0.0, 0.0, 0.0))
-        write(Y, i, SPIN, (0.0, 0.0, 0.0))
-    return True
+    return bears  # not so after the search of what was moved from outside
 
 
 @inner
@@ -325,9 +362,32 @@ def _keep_awake(first, last, C, Y):
 
 
 @inner
+def _stop(members, Y):
+    """Take what is left of the velocities of a group that stays where it is."""
+    for i in members:
+        write(Y, i, VEL, (0.0, 0.0, 0.0))
+        write(Y, i, SPIN, (0.0, 0.0, 0.0))
+
+
+@inner
+def _all_stay(bodies, dt, Y, actions):
+    """Return whether no body moves or did in the last step, so that all stay; count their time at rest."""
+    if len(actions.kinematic) + len(actions.wrench_body) > 0:
+        return False
+    for i in range(bodies):
+        v, w = three(Y, i, VEL), three(Y, i, SPIN)
+        if Y[i, WAY] > 0.0 or dot(v, v) + dot(w, w) > 0.0:
+            return False
+    for i in range(bodies):
+        Y[i, QUIET] += dt if Y[i, IMASS] > 0.0 else 0.0
+    return True
+
+
+@inner
 def _bear(first, last, C, dt):
     """Note the impulses of contacts that stay as they were."""
     for k in range(first, last):
+        write(C, k, IMPULSE, (0.0, 0.0, 0.0))
         write(C, k, LN, times(dt, three(C, k, WARM)))
     note(first, last, C)
 
