@@ -8,7 +8,18 @@ import pytest
 import yaml
 from plain_scenes import BALL, ball, state
 
-from unc_physics import Belief, Box, RigidBody, Scene, make_propagator, predict
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    Box,
+    Plane,
+    RigidBody,
+    Scene,
+    Tracker,
+    make_propagator,
+    predict,
+    primitive_model,
+)
 from unc_physics.__main__ import main
 from unc_physics.prediction.tables import FEW_LINES, as_table, why_no_pose
 
@@ -22,12 +33,45 @@ def prediction(loaded):
 
 def test_a_prediction_prints_as_a_table(prediction):
     lines = str(prediction).splitlines()
-    assert len(lines) <= FEW_LINES and lines[0].startswith("monte_carlo; explicit")
-    assert lines[1] == "... 23 earlier times are not shown" and lines[-4].startswith("t = 0.3 s")
-    left, right = lines[-2:]
+    end = next(k for k, line in enumerate(lines) if line.startswith("t = 0.3 s"))
+    assert end + 4 <= FEW_LINES and lines[0].startswith("monte_carlo; explicit")
+    assert lines[1] == "... 23 earlier times are not shown"
+    left, right = lines[end + 2 : end + 4]
     assert left.startswith("left ") and right.startswith("right ")
     assert f"{prediction['left'].position[0]:.4f}" in left
-    assert len(str(prediction[:1]).splitlines()) == 5
+    # flags and their reasons follow
+    status = prediction[:1]["left"].status()
+    assert str(prediction[:1]).splitlines()[5] == (f"left: {status.flags}" if status.flags else "status: fine")
+
+
+def test_texts_of_objects_are_one_line(prediction):
+    scene = prediction.scene
+    assert repr(scene) == "<Scene of 2 bodies (left, right) and 0 elements; explicit, dt 0.01 s>"
+    assert repr(prediction.initial) == "<Belief about 2 bodies, of which 2 move>"
+    assert repr(prediction) == "<Prediction of 2 bodies (left, right) by monte_carlo until 0.3 s>"
+    tracker = Tracker(scene, prediction.initial, members=16)
+    assert repr(tracker) == "<Tracker of 2 bodies (left, right) at 0 s>"
+    many = Scene([RigidBody(f"ball{k}", BALL, 1.0) for k in range(9)])
+    assert "9 bodies (ball0, ball1, ball2, ball3, ...)" in repr(many)
+
+
+def test_outcomes_follow_the_table_where_a_body_splits(tmp_path):
+    """A tall box on its edge falls to one of two sides."""
+    turn = np.array([0.0, np.sin(np.pi / 8), 0.0, np.cos(np.pi / 8)])
+    box = primitive_model("box", size=(0.1, 0.4, 0.1))
+    scene = Scene.everyday([RigidBody("box", box, 1.0)], environment=[Plane((0, 0, 1), 0.0)])
+    given = BodyBelief(position=(0, 0, 0.0708), orientation=turn, orientation_std=(0, 0.05, 0))
+    prediction = predict(
+        scene, Belief.of(scene, {"box": given}), make_propagator("monte_carlo", samples=64), 1.0
+    )
+    lines = str(prediction).splitlines()
+    assert "MEAN_NOT_POSSIBLE" in lines[4]
+    (first,) = (k for k, line in enumerate(lines) if line == "box: 2 outcomes")
+    weights = [float(line.split()[0]) for line in lines[first + 2 : first + 4]]
+    assert sum(weights) == pytest.approx(1.0, abs=2e-3) and min(weights) > 0.2
+    # no path leads to a mean between them
+    paths = [axes.lines for axes in prediction.plot().axes]
+    assert not any(len(line.get_xdata()) == 2 and line.get_zorder() == 4 for lines in paths for line in lines)
 
 
 def test_a_notebook_shows_the_table(prediction):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 _LENGTH = 120  # most characters of a value's text, and most entries of a value
 
 _DRAWN = 40  # most characters of a name in a picture
+_NAMES = 4  # most names in a short text of many bodies
 
 
 def printable(text: str) -> str:
@@ -35,6 +37,12 @@ def plain_digits(value: float, digits: int = 4) -> str:
 def counted(count: int, noun: str) -> str:
     """Return a number with a noun in singular or plural, as "1 piece" and "2 pieces"."""
     return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def counted_bodies(names: Sequence[str]) -> str:
+    """Return the number of bodies with their names, as "2 bodies (left, right)"; of many the first ones."""
+    few = [printable(name) for name in names[:_NAMES]] + ["..."] * (len(names) > _NAMES)
+    return f"{len(names)} {'body' if len(names) == 1 else 'bodies'} ({', '.join(few)})"
 
 
 def shown(value: Any) -> str:

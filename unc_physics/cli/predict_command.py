@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import textwrap
 from dataclasses import asdict
 from pathlib import Path
 
@@ -155,7 +154,7 @@ def _events(arguments, scene):
 
 def _print(arguments, prediction, statuses, found):
     """Print the prediction with statuses and probabilities, as tables or as JSON."""
-    from ..prediction.tables import as_dict, as_table
+    from ..prediction.tables import as_dict, as_text
 
     if arguments.json:
         seed = prediction.seed if prediction.seed is not None else arguments.seed
@@ -165,10 +164,7 @@ def _print(arguments, prediction, statuses, found):
             result["probabilities"] = _probabilities_as_dicts(found)
         print(json.dumps(result, allow_nan=False))
         return
-    print(as_table(prediction))
-    print(statuses_as_text(statuses))
-    if modes := modes_as_text(prediction, statuses):
-        print(modes)
+    print(as_text(prediction, statuses))
     if found:
         print(probabilities_as_table(found))
 
@@ -226,44 +222,6 @@ def _statuses(statuses):
         }
         for status in statuses
     ]
-
-
-def statuses_as_text(statuses) -> str:
-    """Return each flagged body with its flags, followed by the reasons, one per line."""
-    lines = []
-    for status in statuses:
-        if status.flags:
-            lines.append(f"{printable(status.body)}: {' '.join(flag.name for flag in status.flags)}")
-            for reason in status.reasons:
-                lines += textwrap.wrap(reason, 100, initial_indent="  - ", subsequent_indent="    ")
-    return "\n".join(lines) if lines else "status: fine"
-
-
-def modes_as_text(prediction, statuses) -> str:
-    """Return a table of the outcomes of each body whose mean is not a possible pose."""
-    import numpy as np
-
-    from ..prediction.body_status import Status
-    from ..prediction.tables import in_a_row
-    from ..spatial.layout import ERR_POSITION, POSITION, QUATERNION
-
-    lines = []
-    for status in statuses:
-        modes = prediction[status.body].modes if status.flags & Status.MEAN_NOT_POSSIBLE else ()
-        if len(modes) < 2:
-            continue
-        lines.append(f"{printable(status.body)}: {len(modes)} outcomes")
-        lines.append(
-            f"{'probability':>13}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}"
-            "  std of position [m]"
-        )
-        for mode in modes:
-            std = np.sqrt(np.maximum(mode.covariance.diagonal(), 0.0))[ERR_POSITION]
-            lines.append(
-                f"{mode.weight:13.3f}  {in_a_row(mode.mean[POSITION], '8.4f')}"
-                f"  {in_a_row(mode.mean[QUATERNION], '7.4f')}  {in_a_row(std, '8.4f')}"
-            )
-    return "\n".join(lines)
 
 
 def _probabilities(prediction, events):

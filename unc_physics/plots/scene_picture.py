@@ -50,7 +50,7 @@ def draw_prediction(
 
     The first belief is drawn pale, the last solid, with an ellipse for each of a body's modes. A body with
     several modes is drawn as samples, since its mean is not a possible pose. Paths connect the positions of
-    all times.
+    all times, of bodies with one mode.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _draw_legend(figure, scene, top):
     entries += [
         Patch(color=gray, alpha=0.35, label="pale: now"),
         Patch(color=gray, label="solid: predicted mean pose; several of one body: samples"),
-        Line2D([], [], color=gray, linewidth=0.8, label="path of the mean"),
+        Line2D([], [], color=gray, linewidth=0.8, label="path of the mean, unless outcomes split"),
     ]
     round_line = {"linestyle": "none", "marker": "o", "markersize": 8, "markerfacecolor": "none"}
     for label, width in (
@@ -188,8 +188,9 @@ def _draw_view(axes, scene, beliefs, shown, view, low, high):
         for state, alpha, count in drawn:
             draw_body(axes, body.model, state, view, color, pixel, alpha, count)
         if not body.fixed:
-            path = np.array([belief.mean[k, POSITION] for belief in beliefs]) @ view[:2].T
-            axes.plot(*path.T, color=0.5 * color, linewidth=0.8, zorder=4, path_effects=halo)
+            if len(outcomes) < 2:  # a mean between outcomes is no possible place
+                path = np.array([belief.mean[k, POSITION] for belief in beliefs]) @ view[:2].T
+                axes.plot(*path.T, color=0.5 * color, linewidth=0.8, zorder=4, path_effects=halo)
             now = Mode(1.0, beliefs[0].mean[k], beliefs[0].marginal(k))
             for mode, width in ((now, 0.9), *((mode, 1.8) for mode in outcomes)) if body.free else ():
                 P = view[:2] @ mode.covariance[ERR_POSITION, ERR_POSITION] @ view[:2].T

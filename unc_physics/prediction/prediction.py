@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any, NoReturn, overload
 import numpy as np
 
 from ..checks.errors import NotSupportedError
+from ..checks.shown import counted_bodies
 from ..checks.validation import instance
 from ..plots.scene_picture import draw_prediction
 from ..scene.contact_world import contact_table
 from . import probability as probabilities
+from .diagnosis import ROLLOUTS, judge
 from .events import Event, Touches
 from .predicted_body import Origin, PredictedBody, Trajectory
 from .prediction_data import PredictionData
 from .snapshot import ContactTime, Probability
-from .tables import FEW_LINES, as_dict, as_table, preformatted
+from .tables import FEW_LINES, as_dict, as_text, preformatted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,7 +53,12 @@ class Prediction(PredictionData):
     """
 
     def __str__(self) -> str:
-        return as_table(self, FEW_LINES)
+        (statuses,) = judge(replace(self, snapshots=(self.at(),)), ROLLOUTS)
+        return as_text(self, statuses, FEW_LINES)
+
+    def __repr__(self) -> str:
+        bodies = counted_bodies([body.name for body in self.scene.bodies])
+        return f"<Prediction of {bodies} by {self.propagator.name} until {self.time:g} s>"
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import html
 import math
+import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from ..spatial.layout import (
     QUATERNION,
     VELOCITY,
 )
+from .body_status import BodyStatus, Status
 from .prediction_data import PredictionData
 
 #: Lines of a table that is printed where nobody asked for all of it.
@@ -106,6 +109,50 @@ def as_table(prediction: PredictionData, most: int | None = None) -> str:
         hidden = len(lines) - most + 1
         lines = [*lines[: most - 1], f"... {hidden} more bodies"]
     return "\n".join(lines)
+
+
+def as_text(prediction: PredictionData, statuses: Sequence[BodyStatus], most: int | None = None) -> str:
+    """Return the table, the flags with their reasons, and the outcomes where a mean is not a possible pose.
+
+    Of at most ``most`` lines in the table, and as many after it.
+    """
+    table = as_table(prediction, most)
+    rest = [*_statuses_as_lines(statuses), *_outcomes_as_lines(prediction, statuses)]
+    if most is not None and len(rest) > most:
+        rest = [*rest[: most - 1], f"... {len(rest) - most + 1} more lines about flags"]
+    return "\n".join([table, *rest])
+
+
+def _statuses_as_lines(statuses):
+    """Return each flagged body with its flags, followed by the reasons, one per line."""
+    lines = []
+    for status in statuses:
+        if status.flags:
+            lines.append(f"{printable(status.body)}: {status.flags}")
+            for reason in status.reasons:
+                lines += textwrap.wrap(reason, 100, initial_indent="  - ", subsequent_indent="    ")
+    return lines or ["status: fine"]
+
+
+def _outcomes_as_lines(prediction, statuses):
+    """Return a table of the outcomes of each body whose mean is not a possible pose."""
+    lines, last = [], prediction.at()
+    for k, status in enumerate(statuses):
+        modes = last.modes(prediction.scene, k) if status.flags & Status.MEAN_NOT_POSSIBLE else ()
+        if len(modes) < 2:
+            continue
+        lines.append(f"{printable(status.body)}: {len(modes)} outcomes")
+        lines.append(
+            f"{'probability':>13}  {'position [m]':^26}  {'orientation (x, y, z, w)':^31}"
+            "  std of position [m]"
+        )
+        for mode in modes:
+            std = np.sqrt(np.maximum(mode.covariance.diagonal(), 0.0))[ERR_POSITION]
+            lines.append(
+                f"{mode.weight:13.3f}  {in_a_row(mode.mean[POSITION], '8.4f')}"
+                f"  {in_a_row(mode.mean[QUATERNION], '7.4f')}  {in_a_row(std, '8.4f')}"
+            )
+    return lines
 
 
 def preformatted(text: str) -> str:

@@ -65,6 +65,9 @@ class Belief:
     covariance: Array = array_field()
     moving: OptionalArray = array_field(None)
 
+    def __repr__(self) -> str:
+        return f"<Belief about {len(self.mean)} bodies, of which {len(self.moving)} move>"
+
     def __post_init__(self):
         mean = numbers(self.mean, "mean")
         mean = array(mean, (len(mean) if mean.ndim else 0, STATE), "mean").copy()

@@ -20,7 +20,7 @@ from ..checks.errors import (
     NoObjectsError,
 )
 from ..checks.names import hint, with_named_arguments
-from ..checks.shown import shown
+from ..checks.shown import counted, counted_bodies, shown
 from ..checks.validation import flag
 from ..physics.actions import Actions
 from ..physics.paper import sphere_tree
@@ -164,6 +164,11 @@ class Scene:
     sleep: bool = False
     overlap: str | None = None
     pairs: Converted[Sequence[Mapping[str, Any] | PairMaterial], tuple[PairMaterial, ...]] = array_field(())
+
+    def __repr__(self) -> str:
+        bodies = counted_bodies([body.name for body in self.bodies])
+        elements = counted(len(self.environment), "element")
+        return f"<Scene of {bodies} and {elements}; {self.integrator}, dt {self.dt:.5g} s>"
 
     def __post_init__(self):
         try:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..checks.errors import InvalidRequestError, NotSupportedError
 from ..checks.names import hint
+from ..checks.shown import counted_bodies
 from ..checks.validation import instance, integer, number, positive
 from ..compiler.compile_time import clock
 from ..prediction.prediction import Prediction
@@ -127,6 +128,10 @@ class Tracker:
         free = replace(scene, bodies=[replace(body, at_rest=False) for body in scene.bodies])
         self._tracked = replace(tracked, scene=free)
         self._history = History(self._time, State(carry, np.zeros(len(scene.bodies)), tracks, tied))
+
+    def __repr__(self) -> str:
+        bodies = counted_bodies([body.name for body in self.scene.bodies])
+        return f"<Tracker of {bodies} at {self.time:g} s>"
 
     @property
     def scene(self) -> Scene:
