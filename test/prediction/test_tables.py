@@ -41,7 +41,8 @@ def test_a_prediction_prints_as_a_table(prediction):
     assert f"{prediction['left'].position[0]:.4f}" in left
     # flags and their reasons follow
     status = prediction[:1]["left"].status()
-    assert str(prediction[:1]).splitlines()[5] == (f"left: {status.flags}" if status.flags else "status: fine")
+    wanted = f"left: {status.flags}" if status.flags else "status: fine"
+    assert str(prediction[:1]).splitlines()[5] == wanted
 
 
 def test_texts_of_objects_are_one_line(prediction):
