@@ -244,7 +244,11 @@ class _Propagation:
         first = list(self._simulate(begin, self._marks, progress))[1:]
         waiting, _ = self._with_additional_rollouts(first)
         found = [
-            Counted(propagator.rollout_states(carry, self._scene), carry.contact_history.first_time)
+            Counted(
+                propagator.rollout_states(carry, self._scene),
+                carry.contact_history.first_time,
+                partial(propagator.effective_counts, carry),
+            )
             for _, carry in waiting
         ]
         if not all(np.isfinite(one.states).all() for one in found):
@@ -331,8 +335,10 @@ class _Propagation:
             first = np.concatenate([carry.contact_history.first_time for carry in carries])
             outcomes = RolloutOutcomes(scene, self._initial.mean, states, first)
             for event in self._events:
-                for share in event.happened(outcomes).reshape(len(carries), count).mean(axis=1).tolist():
-                    low, high = interval(share, count)
+                happened = event.happened(outcomes).reshape(len(carries), count)
+                counts = propagator.effective_counts(carries[0], happened)
+                for share, effective in zip(happened.mean(axis=1).tolist(), counts.tolist(), strict=True):
+                    low, high = interval(share, effective)
                     found.append(0.5 * (high - low) / NORMAL_QUANTILE)
         return np.array(found)
 
@@ -384,15 +390,16 @@ def snapshot(propagator: Propagator, scene: Scene, carry: Any, mark: Mark) -> Sn
         raise DivergedError(
             f"diverged within {time:.6g} s; a smaller dt or stiffness may help", field="prediction"
         )
-    rollouts = drawn = points = None
+    rollouts = drawn = points = effective = None
     if isinstance(propagator, Samples):
         rollouts = propagator.rollout_states(carry, scene)
+        effective = partial(propagator.effective_counts, carry)
         if propagator.resamples:
             drawn = partial(propagator.own_samples, carry, scene)
     if isinstance(propagator, PointPairs):
         points = propagator.point_states(carry, scene)
     first = carry.contact_history.first_time
-    return Snapshot(time, belief, carry, rollouts, drawn, points, first)
+    return Snapshot(time, belief, carry, rollouts, drawn, points, first, effective)
 
 
 def points_at_start(scene: Scene, belief: Belief) -> tuple[Belief, ContactHistory]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import weakref
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +26,15 @@ _DRAWN = 1000  # states of a Gaussian
 
 
 class _Source(NamedTuple):
-    """Equally probable outcomes, how they were found (`Probability.method`), and from how many rollouts."""
+    """Equally probable outcomes, how they were found (`Probability.method`), and from how many rollouts.
+
+    ``effective`` is that of `Snapshot`.
+    """
 
     method: str
     outcomes: RolloutOutcomes
     rollouts: int
+    effective: Callable[[np.ndarray], np.ndarray] | None = None
 
 
 _found: weakref.WeakKeyDictionary[Snapshot, _Source] = weakref.WeakKeyDictionary()
@@ -72,8 +77,8 @@ def is_deterministic(scene: Scene, initial: Belief) -> bool:
     return not (initial.covariance.any() or scene.uncertain or scene.draws_impacts)
 
 
-def interval(share: float, count: int) -> tuple[float, float]:
-    """Return the bounds of a probability from a share of ``count`` draws (Wilson 1927)."""
+def interval(share: float, count: float) -> tuple[float, float]:
+    """Return the bounds of a probability from a share of ``count`` independent draws (Wilson 1927)."""
     square = NORMAL_QUANTILE**2 / count
     middle = (share + 0.5 * square) / (1.0 + square)
     half = NORMAL_QUANTILE * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
@@ -83,12 +88,14 @@ def interval(share: float, count: int) -> tuple[float, float]:
 
 def _counted(event, source):
     """Return the probability of an event from its source."""
-    estimate = float(event.happened(source.outcomes).mean())
+    happened = event.happened(source.outcomes)
+    estimate = float(happened.mean())
     low, high = estimate, estimate
     if source.method == "gaussian":
         low, high = 0.0, 1.0
     elif source.method != "certain":
-        low, high = interval(estimate, source.rollouts)
+        count = source.rollouts if source.effective is None else float(source.effective(happened[None])[0])
+        low, high = interval(estimate, count)
     # round-off must not leave the estimate outside
     return Probability(estimate, min(low, estimate), max(high, estimate), source.method, source.rollouts)
 
@@ -105,10 +112,11 @@ def _source_of(scene, initial, snapshot):
     if is_certain(scene, initial, snapshot):
         only = snapshot.belief.mean[None] if states is None else states[:1]
         return _Source("certain", RolloutOutcomes(scene, start, only, first[:1]), 1)
+    effective = snapshot.effective
     if snapshot.counted is not None:
-        states, first = snapshot.counted
+        states, first, effective = snapshot.counted
     if states is None:
         drawn = snapshot.belief.sample(_DRAWN, np.random.default_rng(0))
         outcomes = RolloutOutcomes(scene, start, drawn, first[np.arange(_DRAWN) % len(first)])
         return _Source("gaussian", outcomes, len(first))
-    return _Source("samples", RolloutOutcomes(scene, start, states, first), len(states))
+    return _Source("samples", RolloutOutcomes(scene, start, states, first), len(states), effective)

@@ -62,6 +62,7 @@ class Counted(NamedTuple):
 
     states: np.ndarray  # (R, B, 13)
     first_contacts: np.ndarray  # (R, B, B + E), as in `Snapshot`
+    effective: Callable[[np.ndarray], np.ndarray]  # as in `Snapshot`
 
 
 @dataclass(eq=False)
@@ -94,6 +95,9 @@ class Snapshot:
     first_contacts : (R, B, B + E) array or None
         When bodies i < j, or body i and element j - B, first touched in each rollout, up to this time [s];
         infinite without contact.
+    effective : callable or None
+        Takes in which rollouts events happen (E, R), and returns how many independent rollouts would give
+        shares as accurate (E,); None for R.
     counted : Counted or None
         Rollouts in which events are counted instead, where the propagator has no samples and `predict` was
         asked for events.
@@ -108,6 +112,7 @@ class Snapshot:
     drawn: Callable[[], np.ndarray] | None = None
     points: np.ndarray | None = None
     first_contacts: np.ndarray | None = None
+    effective: Callable[[np.ndarray], np.ndarray] | None = None
     counted: Counted | None = None
     wide: np.ndarray | None = None
     _derived: _Derived = field(default_factory=_Derived, init=False, repr=False)

@@ -177,6 +177,13 @@ class Samples(ABC):
         The last carry is evaluated first.
         """
 
+    def effective_counts(self, carry: Any, happened: np.ndarray) -> np.ndarray:
+        """Return how many independent rollouts would give shares as accurate as these, (E,).
+
+        ``happened`` (E, R) is whether each of E events happens in each of the simulated rollouts.
+        """
+        return np.full(len(happened), float(happened.shape[1]))
+
     def standard_errors(self, carry: Any, scene: Scene) -> StandardErrors | None:
         """Return the standard errors of means and spreads; None where there is no estimate."""
         return None

@@ -20,6 +20,7 @@ from .emission import Moments, Runs, Shared, belief_of, emitted, labelled, white
 from .options import option
 from .reduction import reduction, symmetric
 from .rollouts import SimulatedRollouts
+from .share_errors import FEWEST, MOST, effective_counts, residual_maps
 from .sobol import normal_points
 from .standard_errors import standard_errors, wrapped_errors
 from .start import resolve_initial_overlap
@@ -172,6 +173,13 @@ class Cloud(SimulatedRollouts, Samples, Rollouts):
     def measures(self, carry, scene):
         return {"spread_error": self.standard_errors(carry, scene).spread}
 
+    def effective_counts(self, carry, happened):
+        count = happened.shape[1]
+        if count < FEWEST or not carry.dimensions:
+            return super().effective_counts(carry, happened)
+        columns, count = carry.columns.tobytes(), min(count, MOST)
+        return effective_counts(_residual_maps(count, carry.dimensions, self.seed, columns), happened)
+
     def standard_errors(self, carry, scene):
         if not carry.errors:  # of a new batch, the answer and its status
             straight = self._straight_errors(carry, scene)
@@ -233,6 +241,12 @@ def _numbers(
     labels = _rollout_points(count, dimensions, seed)[:, some]
     z = np.where(np.frombuffer(simulated, bool), labels, 0.0)
     return labels, z, _emitted_points(_MOMENT_POINTS, dimensions, seed)[:, some]
+
+
+@lru_cache(maxsize=4)
+def _residual_maps(count: int, dimensions: int, seed: int, columns: bytes) -> list[np.ndarray]:
+    """Return `residual_maps` of the first points."""
+    return residual_maps(_rollout_points(count, dimensions, seed)[:, np.frombuffer(columns, np.int64)])
 
 
 @lru_cache(maxsize=16)

@@ -140,8 +140,7 @@ def jobs(settings: Settings) -> list[Job]:
     found = []
     for name in _QUICK if settings.quick else CASES:
         cost = CASES[name][2]
-        truth = 300 if settings.quick else 2000 if cost > 0.01 else 6000
-        replicates = 2 if settings.quick else 6
+        truth, replicates = (300, 2) if settings.quick else (1500, 4) if cost > 0.01 else (4000, 6)
         parameters = settings.parameters(scene=name, truth_samples=truth, replicates=replicates)
         found.append(Job("head_to_head", parameters, 2.0 * cost * (truth + 1500 * replicates)))
     return found
