@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$\n?", re.MULTILINE | re.DOTALL)
-SKIPPED, FILE = "# not run here", "# file: "
-RUN = "bash", "python"
+FILE = "# file: "
+RUN = "bash", "python"  # as opposed to `sh` and `py`
 
 
 class Block(NamedTuple):
@@ -41,8 +41,6 @@ def blocks(page: str) -> Iterator[Block]:
     fences = list(FENCE.finditer(page))
     for k, fence in enumerate(fences):
         kind, text = fence.groups()
-        if text.startswith(SKIPPED):
-            continue
         output, end = None, fence.end()
         if k + 1 < len(fences) and fences[k + 1][1] == "text":
             output, end = fences[k + 1].span(2), fences[k + 1].end()

@@ -1,7 +1,7 @@
 """Run the commands and snippets of the pages, as a reader would: ``python docs/run_pages.py [PAGE ...]``.
 
 Each page runs in a folder of its own, from its first block to its last. Python blocks of a page share their
-names, as the cells of a notebook do. Blocks that begin with ``# not run here`` are left out. A block that
+names, as the cells of a notebook do. Blocks of ``sh`` and ``py`` are not run. A block that
 begins with ``# file: NAME`` is written to that file. A ``text`` block after a command or snippet is its
 output: words must agree, and numbers to 0.03 or 25 %, since processors round differently. ``--update`` writes
 the outputs into the pages instead. The first block that fails ends its page.
