@@ -1,5 +1,7 @@
 """A time limit holds within a step, and before the first one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plain_scenes import BALL, independent, state
@@ -9,6 +11,7 @@ from unc_physics.checks.errors import PredictionTimeoutError
 from unc_physics.compiler.time_limit import time_limit
 from unc_physics.prediction import compute_budget, driver
 from unc_physics.propagators import rollouts
+from unc_physics.propagators.start import constrain_belief, draw, resolve_initial_overlap
 
 BELIEF = {"position": 0.01, "velocity": 0.01, "rotation": 0.01, "spin": 0.01}
 
@@ -105,3 +108,41 @@ def test_separate_calls_are_few_pieces_that_are_looked_after(monkeypatch):
     assert all(looks.count(done) >= 3 for done in np.cumsum([0, *pieces[:-1]]))
     np.testing.assert_array_equal(free.belief.mean, within.belief.mean)
     np.testing.assert_array_equal(free.belief.covariance, within.belief.covariance)
+
+
+def of_beginnings():
+    """Bricks above each other in the floor, and bricks that are at rest above it."""
+    scene, belief = bricks(3)
+    inside = independent(*(state((0.02 * k, 0, 0.01)) for k in range(3)), **BELIEF)
+    bodies = [replace(body, at_rest=True) for body in scene.bodies]
+    resting = Scene.everyday(bodies, exact=True, environment=[Plane()])
+    return {"overlap": (scene, inside), "rest": (resting, constrain_belief(resting, belief))}
+
+
+@pytest.mark.parametrize("name", ["overlap", "rest"])
+def test_removal_of_overlap_and_settling_end_within_their_time(name):
+    """Of a thousand samples none is moved after the time, and all are within it."""
+    scene, belief = of_beginnings()[name]
+    drawn = belief.sample(1000, np.random.default_rng(0))
+    with time_limit() as limit:
+        limit.flag[0] = 1
+        none = resolve_initial_overlap(scene, belief, drawn)[0]
+    every = resolve_initial_overlap(scene, belief, drawn)[0]
+    assert (none != drawn).any(axis=(1, 2)).sum() == 0
+    assert (every != drawn).any(axis=(1, 2)).sum() == 1000
+
+
+def test_the_rejection_of_overlap_ends_within_its_time(monkeypatch):
+    """Bricks of which few draws are free are not drawn again after the time."""
+    scene, belief = bricks(2, overlap="reject")
+    draws, sample = [], type(belief).sample
+
+    def counted(self, count, rng):
+        draws.append(count)
+        return sample(self, count, rng)
+
+    monkeypatch.setattr(type(belief), "sample", counted)
+    with time_limit() as limit:
+        limit.flag[0] = 1
+        draw(scene, belief, 1000, 0)
+    assert draws == [1000]

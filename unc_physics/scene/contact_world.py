@@ -373,6 +373,8 @@ def settled_contacts(
         stops = Stops(np.array([round(time / _SETTLING_STEP)]), np.zeros(1))
         part = type(memory)(*(values[waiting] for values in memory))
         ((x, _, part),) = recorded(states[waiting], history.first_time[waiting], part, world, own, 0, stops)
+        if world.stop[0] != 0:  # these rollouts ended early, so that their states are invalid
+            break
         states[waiting] = x
         memory = _with_some(memory, part, waiting)
         asleep[waiting] = part.at_rest
