@@ -7,7 +7,7 @@ from collections import Counter
 
 from building import ROOT
 
-from unc_physics.propagators.names import ANYTIME, BUILT_IN, DEFAULT
+from unc_physics.propagators.names import ANYTIME, BUILT_IN
 
 PACKAGE = ROOT / "unc_physics"
 PLACES = [place.partition(":") for place in BUILT_IN.values()]
@@ -29,17 +29,17 @@ def named(source):
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         text = token.string
         docstring = text.lstrip("rf").startswith('"""')
-        if token.type in WORDS and not docstring and text.strip("\"'") != DEFAULT:
+        if token.type in WORDS and not docstring and text.strip("\"'") != ANYTIME:
             yield from (f"line {token.start[0]}: {name}" for name in NAMED.findall(text))
 
 
 def test_no_propagator_is_named():
     source = (
-        f'"""Of MonteCarlo."""\nfrom ..surrogate import SurrogateCarry\nx = "by cloud alone", "{DEFAULT}"'
+        f'"""Of MonteCarlo."""\nfrom ..surrogate import SurrogateCarry\nx = "by cloud alone", "{ANYTIME}"'
     )
     found = ["line 2: surrogate", "line 2: SurrogateCarry", "line 3: cloud"]
     assert list(named(source)) == found
-    for folder in ("scene", "collision", "dynamics", "prediction", "cli", "ros"):
+    for folder in ("scene", "physics", "prediction", "cli", "ros"):
         for path in sorted((PACKAGE / folder).rglob("*.py")):
             assert not list(named(path.read_text())), path
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scenes import good_request, packed
 from soak import LIMITS, TEXTS, check, spoiled
 
-from unc_physics.propagators.names import DEFAULT, REFERENCE
+from unc_physics.propagators.names import ANYTIME, REFERENCE
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 from unc_physics_msgs.msg import PredictionRequest
@@ -25,7 +25,7 @@ LIBRARY = ModelLibrary()
 def answer_to(request):
     """The node's response; those of other propagators, whose kernels are compiled elsewhere, are empty."""
     return in_process.answer_to(
-        request, SETTINGS, LIBRARY, computed=lambda job: job.propagator.name in (DEFAULT, REFERENCE)
+        request, SETTINGS, LIBRARY, computed=lambda job: job.propagator.name in (ANYTIME, REFERENCE)
     )
 
 
@@ -52,7 +52,7 @@ def test_a_spoiled_request_gets_an_answer_or_a_sentence(seed):
 def test_any_text_and_number_of_an_object_gets_an_answer_or_a_sentence(name, model, numbers):
     request = good_request()
     spoiled_object = request.scene.objects[0]
-    spoiled_object.id, request.propagator = name, DEFAULT
+    spoiled_object.id, request.propagator = name, ANYTIME
     spoiled_object.model = model or "bunny"
     position = spoiled_object.pose.position
     position.x, position.y, spoiled_object.mass = numbers

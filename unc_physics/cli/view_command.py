@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..propagators.names import DEFAULT, entries
+from ..propagators.names import ANYTIME, entries
 from .arguments import add_options, propagator_options
 from .output import check_output, writing
 
@@ -24,9 +24,9 @@ def add_view_command(commands) -> None:
     parser.add_argument("scene", metavar="SCENE.yaml", help="scene file")
     parser.add_argument(
         "--propagator",
-        default=DEFAULT,
+        default=ANYTIME,
         metavar="NAME",
-        help=f"propagator of the first prediction (default {DEFAULT}): one of {', '.join(entries())}",
+        help=f"propagator of the first prediction (default {ANYTIME}): one of {', '.join(entries())}",
     )
     add_options(parser, "--option", "--horizon", "--mesh", "--models")
     parser.add_argument(

@@ -13,7 +13,7 @@ from ..checks.validation import instance, positive
 from ..compiler.compile_time import clock
 from ..compiler.time_limit import time_limit
 from ..propagators.base import Propagator, Samples
-from ..propagators.names import ANYTIME, DEFAULT
+from ..propagators.names import ANYTIME
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.marks import Mark
@@ -30,7 +30,7 @@ from .simulated_scene import left_out, without, without_idle_parts
 def predict(
     scene: Scene,
     belief: Belief,
-    propagator: str | Propagator = DEFAULT,
+    propagator: str | Propagator = ANYTIME,
     horizon: float | None = None,
     *,
     times: Sequence[float] | None = None,

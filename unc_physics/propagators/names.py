@@ -19,12 +19,12 @@ BUILT_IN = {
     "cloud": "cloud:Cloud",
     "auto": "auto:Auto",
 }
-#: Default propagator in Python.
-DEFAULT = "cloud"
+#: Propagator with a fixed number of rollouts and a response surface through them.
+SURFACE = "cloud"
 #: Propagator for comparisons: plain rollouts of drawn states, with the options ``samples`` and ``seed``.
 REFERENCE = "monte_carlo"
-#: Default propagator of command line and node. It adds rollouts until an error or a time limit is reached.
-#: It has the options ``error``, ``position_error``, ``rotation_error``, ``probability_error`` and ``time``.
+#: Default propagator. It adds rollouts until an error or a time limit is reached, and has the options
+#: ``error``, ``position_error``, ``rotation_error``, ``probability_error`` and ``time``.
 ANYTIME = "auto"
 #: Propagator whose points give the initial belief of propagators with a single nominal rollout.
 POINTS = "sigma_points"

@@ -27,7 +27,7 @@ from unc_physics_msgs.msg import Environment, ObjectState, Physics, Prediction
 from ..checks.errors import OutputError, UncPhysicsError
 from ..compiler.compile_time import FIRST_USE
 from ..prediction.predict import predict
-from ..propagators.names import ANYTIME, BUILT_IN, DEFAULT, POINTS, REFERENCE
+from ..propagators.names import ANYTIME, BUILT_IN, POINTS, REFERENCE, SURFACE
 from ..propagators.registry import make_propagator
 from ..scene.environment import Box
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
@@ -42,7 +42,7 @@ Methods: TypeAlias = tuple[tuple[str, int | None], ...]
 NODE = "unc_physics_demo"
 TRUTH = 2000  # samples
 #: Methods that share the kernels of rollouts, and their numbers of samples, where these are given.
-METHODS: Methods = ((ANYTIME, None), (REFERENCE, 32), (REFERENCE, 200), (DEFAULT, None), (POINTS, None))
+METHODS: Methods = ((ANYTIME, None), (REFERENCE, 32), (REFERENCE, 200), (SURFACE, None), (POINTS, None))
 #: Methods with a time loop of their own.
 OTHER_METHODS: Methods = tuple((name, None) for name in BUILT_IN if name not in dict(METHODS))
 SEED, TRUTH_SEED = 1, 2

@@ -22,7 +22,7 @@ from ..checks.errors import InvalidOptionError, UncPhysicsError
 from ..checks.names import removed, suggestion
 from ..checks.validation import non_negative
 from ..prediction.diagnosis import compared_rollouts
-from ..propagators.names import ANYTIME, DEFAULT, REFERENCE
+from ..propagators.names import ANYTIME, REFERENCE
 from ..propagators.registry import PROPAGATORS, names_where
 from ..scene.materials import refuse_with_explicit
 from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
@@ -202,7 +202,7 @@ class Settings:
     horizons: tuple[float, ...] = parameter(
         (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s]."
     )
-    stream_propagator: str = parameter(DEFAULT, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
+    stream_propagator: str = parameter(ANYTIME, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
     stream_max_computation_time: float = parameter(
         0.0,
         "Wall time that a streamed scene is to take [s]; if one takes longer, later ones get fewer rollouts."
