@@ -27,14 +27,14 @@ from ..spatial.layout import (
     STATE,
     VELOCITY,
 )
-from ..spatial.moments import pivoted_cholesky, second_moment, spread_states
+from ..spatial.moments import pivoted_cholesky_of_blocks, second_moment, spread_states
 from ..spatial.rotation import rotation_matrix
 from .body_belief import BodyBelief
 from .scene import Scene
 
 #: Variance below which a direction counts as certain, over the largest variance of its scale.
 RANK_TOLERANCE = 1e-14
-#: Independent bodies from which on blocks are factored by themselves: fewer take less time together.
+#: Independent bodies above which draws are made block by block: fewer take less time together.
 _MANY = 16
 _ROUND_OFF = 1e-10  # share of a coordinate's own variance that a factor of larger scale leaves by round-off
 
@@ -289,18 +289,11 @@ class Belief:
         Variances may have several scales, as of millimetres beside an unknown height. Smaller ones are
         factored after the others, from the rest that these leave.
         """
-        variance = self.joint.diagonal()
-        # turning a direction without variance leaves a square of round-off
-        least = np.maximum(_ROUND_OFF * variance, RANK_TOLERANCE**2 * variance.max(initial=0.0))
-        columns, rest = pivoted_cholesky(self.joint.copy(), RANK_TOLERANCE)
-        while (left := rest.diagonal() > least).any():
-            some = np.ix_(left, left)
-            own, own_rest = pivoted_cholesky(rest[some], RANK_TOLERANCE)
-            wide = np.zeros((len(rest), own.shape[1]))
-            wide[left] = own
-            columns, rest = np.concatenate([columns, wide], axis=1), np.zeros_like(rest)
-            rest[some] = own_rest
-        return columns
+        roots, numbers = self._factor
+        found = np.zeros((*roots.shape[:2], self.rank))
+        block, column = np.nonzero(numbers >= 0)
+        found[block, :, numbers[block, column]] = roots[block, :, column]
+        return found.reshape(ERROR * len(self.moving), self.rank)
 
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw states (count, B, 13) from the belief; the first k are the same for every larger count."""
@@ -309,71 +302,44 @@ class Belief:
 
     @cached_property
     def _factor(self):
-        """Factor of the covariance: `root`, and None; or `_block_roots` of many independent bodies."""
-        if self.independent and len(self.moving) > _MANY:
-            return self._block_roots()
-        return self.root(), None
+        """Factors (M, 12, R) of the blocks, and which columns of `root` theirs are, (M, R), or -1.
+
+        Of a joint covariance it is one block.
+        """
+        rest = self.covariance if self.independent else self.joint[None]
+        variance = np.einsum("mii->mi", rest)
+        # turning a direction without variance leaves a square of round-off
+        least = np.maximum(_ROUND_OFF * variance, RANK_TOLERANCE**2 * variance.max(initial=0.0))
+        left, roots, numbers, known = np.ones(variance.shape, bool), [], [], 0
+        while left.any():
+            rest = rest * (left[:, :, None] & left[:, None, :])
+            root, number, rest = pivoted_cholesky_of_blocks(rest, RANK_TOLERANCE)
+            roots.append(root)
+            numbers.append(np.where(number < 0, -1, number + known))
+            known += int((number >= 0).sum())
+            left = np.einsum("mii->mi", rest) > least
+        if not roots:
+            return np.zeros((*variance.shape, 0)), np.zeros((len(variance), 0), int)
+        return np.concatenate(roots, axis=2), np.concatenate(numbers, axis=1)
 
     @property
     def rank(self) -> int:
         """Rank of the joint covariance, the number of columns of `root`."""
-        root, columns = self._factor
-        return root.shape[1] if columns is None else int(columns.max(initial=-1)) + 1
+        return int(self._factor[1].max(initial=-1)) + 1
 
     def states_along(self, z: np.ndarray) -> np.ndarray:
         """Return the states (N, B, 13) at ``z`` (N, rank) standard deviations along the columns of `root`."""
-        root, columns = self._factor
-        if columns is None:
+        if len(self.moving) <= _MANY or not self.independent:
             # einsum sums each row in a fixed order; BLAS would depend on the count and on threads
-            errors = np.einsum("nr,kr->nk", z, root)
+            errors = np.einsum("nr,kr->nk", z, self.root())
         else:
-            z = np.concatenate(
-                [z, np.zeros((len(z), 1))], axis=1
-            )  # of the columns that a block does not have
-            parts = np.zeros((len(z), *root.shape[:2]))
-            for r, column in enumerate(columns.T):
-                parts += z[:, column, None] * root[:, :, r]
+            roots, numbers = self._factor
+            z = np.concatenate([z, np.zeros((len(z), 1))], axis=1)  # of columns that a block does not have
+            parts = np.zeros((len(z), *roots.shape[:2]))
+            for r, column in enumerate(numbers.T):
+                parts += z[:, column, None] * roots[:, :, r]
             errors = parts.reshape(len(z), -1)
         return spread_states(self.mean.copy(), self.moving.copy(), errors)
-
-    def _block_roots(self):
-        """Return the factors (M, 12, R) of each block, and which columns of `root` theirs are, (M, R), or -1.
-
-        In these columns, other bodies are zero.
-        """
-        rest, left = self.covariance.copy(), np.ones((len(self.moving), ERROR), bool)
-        variance = np.einsum("mii->mi", self.covariance)
-        least = np.maximum(_ROUND_OFF * variance, RANK_TOLERANCE**2 * variance.max(initial=0.0))
-        roots, columns, known = [], [], 0
-        rows = np.arange(len(rest))
-        while left.any():  # smaller scales after the others, as in `root`
-            rest *= left[:, :, None] & left[:, None, :]
-            limit = RANK_TOLERANCE * np.einsum("mii->mi", rest).max(initial=0.0)
-            pivots = []
-            for _ in range(ERROR):
-                diagonal = np.einsum("mii->mi", rest)
-                pivot = diagonal.argmax(axis=1)
-                values = diagonal[rows, pivot].copy()
-                used = values > limit
-                if not used.any():
-                    break
-                column = rest[rows, :, pivot] / np.sqrt(np.where(used, values, np.inf))[:, None]
-                rest -= column[:, :, None] * column[:, None, :]
-                rest[rows[used], pivot[used]] = rest[rows[used], :, pivot[used]] = 0.0
-                roots.append(column)
-                pivots.append((np.where(used, values, -np.inf), ERROR * rows + pivot))
-            if not pivots:
-                break
-            values, places = (np.array(part) for part in zip(*pivots, strict=True))
-            order = np.lexsort((places.ravel(), -np.minimum.accumulate(values).ravel()))
-            number = np.empty(values.size, int)
-            number[order] = known + np.arange(values.size)
-            columns.append(np.where(np.isfinite(values), number.reshape(values.shape), -1))
-            known += int(np.isfinite(values).sum())
-            left = np.einsum("mii->mi", rest) > least
-        if not roots:
-            return np.zeros((len(rest), ERROR, 0)), np.zeros((len(rest), 0), int)
-        return np.stack(roots, axis=2), np.concatenate(columns).T
 
     def check_fits(self, scene: Scene) -> None:
         """Raise `InvalidRequestError` unless the belief fits the bodies of ``scene``.

@@ -182,43 +182,53 @@ def symmetric_root(P: np.ndarray) -> np.ndarray:
     return (vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]) @ np.swapaxes(vectors, -1, -2)
 
 
-@kernel
-def pivoted_cholesky(A, tolerance):
-    """Factor a positive semidefinite matrix by outer-product Cholesky with diagonal pivoting.
+def pivoted_cholesky(A: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the factor (n, r) of one matrix (n, n), and the rest (n, n), as `pivoted_cholesky_of_blocks`."""
+    L, _, rest = pivoted_cholesky_of_blocks(A[None], tolerance)
+    return L[0], rest[0]
 
-    Each iteration takes the largest remaining diagonal entry; ties go to the lowest index. It stops when that
-    is at most ``tolerance`` times the largest diagonal entry of ``A``.
+
+@kernel
+def pivoted_cholesky_of_blocks(blocks, tolerance):
+    """Factor a positive semidefinite, block-diagonal matrix by outer-product Cholesky with diagonal pivoting.
+
+    Each iteration takes the largest remaining diagonal entry of all blocks; ties go to the lowest index. It
+    stops when that is at most ``tolerance`` times the largest diagonal entry of ``blocks`` (M, n, n).
 
     Returns
     -------
-    L : (n, r) array
-        ``L @ L.T`` equals ``A`` except for ``rest``; r is the numerical rank.
-    rest : (n, n) array
+    L : (M, n, r) array
+        For each block A, ``L @ L.T`` equals it except for ``rest``; r is the largest rank of a block.
+    number : (M, r) int64 array
+        In which iteration each column was found; -1 for columns of zeros.
+    rest : (M, n, n) array
         ``A - L @ L.T``.
     """
-    n = len(A)
-    rest = A.copy()
-    L = zeros((n, n))
+    M, n, _ = blocks.shape
+    rest = blocks.copy()
+    L, number, rank = zeros((M, n, n)), np.full((M, n), -1), np.zeros(M, np.int64)
     largest = 0.0
-    for i in range(n):
-        largest = max(largest, A[i, i])
-    rank = 0
-    while rank < n:
-        pivot = 0
+    for m in range(M):
         for i in range(n):
-            if rest[i, i] > rest[pivot, pivot]:
-                pivot = i
-        if not rest[pivot, pivot] > tolerance * largest:
+            largest = max(largest, blocks[m, i, i])
+    for iteration in range(M * n):
+        m, pivot = 0, 0
+        for b in range(M):
+            for i in range(n):
+                if rest[b, i, i] > rest[m, pivot, pivot]:
+                    m, pivot = b, i
+        if not rest[m, pivot, pivot] > tolerance * largest:
             break
-        root = math.sqrt(rest[pivot, pivot])
+        root, r = math.sqrt(rest[m, pivot, pivot]), rank[m]
+        number[m, r], rank[m] = iteration, r + 1
         for i in range(n):
-            L[i, rank] = rest[i, pivot] / root
+            L[m, i, r] = rest[m, i, pivot] / root
         for i in range(n):
-            l_i = L[i, rank]
+            l_i = L[m, i, r]
             if l_i != 0.0:
                 for j in range(n):
-                    rest[i, j] -= l_i * L[j, rank]
+                    rest[m, i, j] -= l_i * L[m, j, r]
         for i in range(n):  # the pivot's row and column become exactly zero
-            rest[i, pivot] = rest[pivot, i] = 0.0
-        rank += 1
-    return L[:, :rank].copy(), rest
+            rest[m, i, pivot] = rest[m, pivot, i] = 0.0
+    most = rank.max()
+    return L[:, :, :most].copy(), number[:, :most].copy(), rest
