@@ -30,7 +30,6 @@ PAGES = (
     "docs/tutorials/*.md",
     "docs/how-to/*.md",
     "docs/explanation/shapes.md",
-    "docs/explanation/sphere_packings.md",
     "docs/explanation/what_to_believe.md",
 )
 DATA = "examples", "models"
