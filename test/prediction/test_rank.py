@@ -245,7 +245,7 @@ def test_candidates_that_fail_leave_the_others():
 
 
 BAD = {
-    "no actions": ({"actions": {}}, "actions must name at least one action"),
+    "no actions": ({"actions": {}}, "actions must have at least one action"),
     "no such body": (
         {"actions": {"a": {"bx": held(0.0)}}},
         r"actions\['a'\] is neither a body .*mean 'box'.*bx",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
-from ..checks.errors import InvalidRequestError, NotSupportedError
+from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
 from ..checks.names import hint
 from ..scene.belief import Belief
 from ..scene.body_belief import MEANS, STDS, BodyBelief
@@ -28,6 +28,33 @@ Action = (
 #: Fields of a `BodyBelief`, which change the belief; all other fields change the body or the element itself.
 _PLACES = MEANS | {"orientation": QUATERNION}
 _OF_BELIEF = (*_PLACES, *STDS, "covariance", "origin")
+
+
+def after_actions(
+    scene: Scene,
+    belief: Belief,
+    actions: Mapping[str, Action] | Sequence[Action],
+    prepare: Callable[[Scene, Belief], Any],
+) -> dict[Any, Any]:
+    """Return what ``prepare`` makes of the scene and the belief after each action, by name or number.
+
+    Errors name the action.
+    """
+    if not actions:
+        raise InvalidRequestError("must have at least one action", field="actions")
+    named = actions if isinstance(actions, Mapping) else dict(enumerate(actions))
+    found = {}
+    for name, action in named.items():
+        try:
+            found[name] = prepare(*apply_action(scene, belief, action))
+        except UncPhysicsError as error:
+            raise about_action(name, error) from error
+    return found
+
+
+def about_action(name: str | int, error: UncPhysicsError) -> UncPhysicsError:
+    """Return an error that names the action in front of its field."""
+    return error.at(f"actions[{name!r}]" + (f": {error.field}" if error.field else ""))
 
 
 def apply_action(scene: Scene, belief: Belief, action: Action) -> tuple[Scene, Belief]:

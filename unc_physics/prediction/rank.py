@@ -20,7 +20,7 @@ from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.marks import Mark
 from ..scene.scene import Scene
-from .actions import Action, apply_action
+from .actions import Action, about_action, after_actions
 from .compute_budget import ComputeBudget
 from .driver import run
 from .events import Event
@@ -232,22 +232,17 @@ def rank(
         (score, Event, "score"),
     ):
         instance(value, kind, name)
-    if not actions:
-        raise InvalidRequestError("must name at least one action", field="actions")
     belief.check_fits(scene)
     score.check(scene, "score")
     propagator = make_propagator(REFERENCE, samples=integer(rollouts, "rollouts", low=1), seed=seed)
 
     def failed(name, error):
-        raise error.at(f"actions[{name!r}]" + (f": {error.field}" if error.field else "")) from error
+        raise about_action(name, error) from error
 
-    candidates = {}
-    for name, action in actions.items():
-        try:
-            own = apply_action(scene, belief, action)
-            candidates[name] = Candidate(*own, checked_marks(*own, propagator, horizon, times))
-        except UncPhysicsError as error:
-            failed(name, error)
+    def candidate(own: Scene, about: Belief) -> Candidate:
+        return Candidate(own, about, checked_marks(own, about, propagator, horizon, times))
+
+    candidates = after_actions(scene, belief, actions, candidate)
     limits = {"budget": budget, "max_computation_time": max_computation_time}
     return rank_candidates(candidates, propagator, score, failed, **limits, progress=progress)
 

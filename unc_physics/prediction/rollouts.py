@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,11 +18,10 @@ from ..propagators.registry import make_propagator
 from ..propagators.start import constrain_belief
 from ..scene.belief import Belief
 from ..scene.contact_world import CONTACT, contact_table, variation
-from ..scene.entries import at_field
 from ..scene.environment import thing_names
 from ..scene.scene import Scene
 from ..spatial.layout import STATE
-from .actions import Action, apply_action
+from .actions import Action, after_actions
 from .request_checks import check_supported, marks_of, rollout_bytes
 
 _PORTION = 2.0**27  # bytes that are simulated at once; contacts take far more than states
@@ -110,7 +109,15 @@ def rollouts(
             "has no contacts as data; 'implicit' has", field="integrator", value=scene.integrator
         )
     samples = propagator.samples
-    cases = [(scene, belief)] if actions is None else list(_cases(scene, belief, actions))
+
+    def case(own, own_belief):
+        if thing_names(own) != thing_names(scene):
+            raise InvalidRequestError("must keep the names of bodies and elements")
+        return own, own_belief
+
+    cases = [(scene, belief)]
+    if actions is not None:
+        cases = list(after_actions(scene, belief, actions, case).values())
     at = np.atleast_1d(np.asarray(times, float))
     shape = len(cases), samples, len(at), len(scene.bodies), STATE
     require_memory(8.0 * math.prod(shape), f"{samples} rollouts", "samples", samples)
@@ -138,19 +145,6 @@ def rollouts(
         states, friction, restitution = states[0], friction[0], restitution[0]
     table = np.concatenate(found) if contacts else None
     return RolloutStates(states, at, friction, restitution, table, propagator.seed)
-
-
-def _cases(scene, belief, actions) -> Iterator[tuple[Scene, Belief]]:
-    """Yield the scene and the belief after each action."""
-    named = actions.items() if isinstance(actions, Mapping) else enumerate(actions)
-    if not actions:
-        raise InvalidRequestError("must have at least one action", field="actions")
-    for name, action in named:
-        field = f"actions[{name!r}]"
-        own, own_belief = at_field(field, apply_action, scene, belief, action)
-        if thing_names(own) != thing_names(scene):
-            raise InvalidRequestError("must keep the names of bodies and elements", field=field)
-        yield own, own_belief
 
 
 def _materials(scene, z):
