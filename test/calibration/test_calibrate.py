@@ -7,11 +7,12 @@ import pytest
 import yaml
 from throws import everyday, scene, throws
 
-from unc_physics import Plane, Scene, UncPhysicsError, calibrate, load_scene, save_packing
+from unc_physics import Motion, Plane, Scene, UncPhysicsError, calibrate, load_scene, save_packing
 from unc_physics.__main__ import main
 from unc_physics.calibration.adjustable import Model, adjustables, chosen, fitted_by_default, with_values
 from unc_physics.calibration.flight import FlightGravity
 from unc_physics.calibration.objective import Objective, recorded
+from unc_physics.calibration.recording_checks import check_recording
 from unc_physics.calibration.snippet import as_scene_file, as_table
 
 TRUE = scene(friction=0.3, restitution=0.3, impact_direction_std=0.05)
@@ -38,6 +39,21 @@ def test_parameters_come_back(found):
     assert 0.015 < fitted["impact_direction_std"].value < 0.12
     assert found.objective[1] < found.objective[0]
     assert 20 < found.evaluations <= 130
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda poses: poses * np.r_[[1e3] * 3, [1] * 4], "are in millimetres, .* divide them by 1000"),
+        (lambda poses: poses[:, [0, 1, 2, 6, 3, 4, 5]], "are in the order w, x, y, z, .* write them as x"),
+    ],
+    ids=["millimetres", "w_first"],
+)
+def test_a_recording_in_other_units_or_order_is_refused(motions, change, words):
+    wrong = [Motion(one.name, one.times, change(one.poses)) for one in motions]
+    with pytest.raises(UncPhysicsError, match=words):
+        check_recording(wrong, scene())
+    check_recording(motions, scene())
 
 
 def test_coverage_is_right_after_and_not_before(found):

@@ -18,6 +18,7 @@ from .flight import FlightGravity, FlightStart, flight_gravity, pose_noise
 from .motions import Motion
 from .objective import DRAWS, TIMES, Objective, Recorded, Scores, Simulator, recorded, simulated
 from .posterior import Posterior
+from .recording_checks import check_recording
 from .search import ParameterSearch
 from .uncertainty import refine, refining
 
@@ -180,6 +181,7 @@ def calibrate(
         )
     adjusted = chosen(scene, fitted_by_default(scene) if fit is None else fit)
     evaluations = integer(evaluations, "evaluations", low=4 * len(adjusted))
+    check_recording(motions, scene)
     found = recorded(motions, scene, times)
     samples = max(4, DRAWS // len(found)) if samples is None else integer(samples, "samples", low=4)
     before = with_noise(scene, found)
