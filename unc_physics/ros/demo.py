@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import signal
 import subprocess
@@ -185,7 +186,7 @@ def table(answers: list[Answer]) -> str:
     width = max(len(answer.name) for answer in methods)
     lines = [
         f"The can's position after {HORIZON:g} s, beside {truth.name} samples, and the carton:",
-        f"{'method':<{width}}  {'rollouts':>8}  {'time [ms]':>9}  {'error of mean, std [mm]':>34}  upright",
+        f"{'method':<{width}}  rollouts  time [ms]  as samples   error of mean, std [mm]  upright",
     ]
     exact = _mean_and_std(truth.prediction)
     for name, prediction, _ in [*methods, truth._replace(name="truth")]:
@@ -194,12 +195,26 @@ def table(answers: list[Answer]) -> str:
             for one, other in zip(_mean_and_std(prediction), exact, strict=True)
         )
         (found,) = [own.upright for own in prediction.objects if own.id == "carton"]
+        worth = f"{as_samples(prediction, truth.prediction):.0f}" if name != "truth" else ""
         took = 1e3 * seconds(prediction.computation_time)
         lines.append(
-            f"{name:<{width}}  {prediction.rollouts:8d}  {took:9.1f}  {mean:16.1f}  {std:16.1f}"
+            f"{name:<{width}}  {prediction.rollouts:8d}  {took:9.1f}  {worth:>10}  {mean:12.1f}  {std:10.1f}"
             f"  {found.probability:.2f} ({found.low:.2f} to {found.high:.2f})"
         )
     return "\n".join(lines)
+
+
+def as_samples(prediction: Prediction, truth: Prediction) -> float:
+    """Return the number of Monte Carlo samples whose mean positions are as accurate.
+
+    The squared error of a mean of n samples is on average the sum of variances over n. All bodies count.
+    """
+    exact, shares = poses_of(truth), []
+    for name, (poses, _) in poses_of(prediction).items():
+        others, covariances = exact[name]
+        square = ((poses[-1, :3] - others[-1, :3]) ** 2).sum()
+        shares.append(square / covariances[-1].diagonal()[:3].sum())
+    return 1.0 / float(np.mean(shares)) if any(shares) else math.inf
 
 
 def _mean_and_std(prediction):
