@@ -8,6 +8,7 @@ from example_meshes import MESHES
 from unc_physics.checks.errors import InvalidMeshError, InvalidOptionError, NotSupportedError
 from unc_physics.descriptions.parts import Shape
 from unc_physics.descriptions.shape_solid import shape_solid
+from unc_physics.shapes import household_meshes as meshes
 from unc_physics.shapes import mesh_pieces as module
 from unc_physics.shapes.mass_properties import mass_properties
 from unc_physics.shapes.mesh_pieces import hull_piece, hull_pieces, mesh_pieces, simple_pieces
@@ -86,15 +87,30 @@ def test_an_egg_of_many_triangles_is_as_near_as_an_ellipsoid_of_a_world():
 
 
 def test_a_tolerance_makes_a_ring_finer():
-    """n sectors stick out of the hole by its radius times 1 - cos(pi / n), 0.1 mm of 40 mm with 45."""
+    """n sectors are off the hole by half of its radius times 1 - cos(pi / n), 0.1 mm of 40 mm with 32."""
     ring = solid_of("ring", trimesh.creation.torus(0.045, 0.005, major_sections=100, minor_sections=32))
     coarse = mesh_pieces(ring)
-    assert coarse.error.largest > 3e-4 and len(coarse.pieces) <= module.PIECES
-    found = mesh_pieces(ring, tolerance=1e-4)
-    assert found.error.largest <= 1e-4 and 45 <= len(found.pieces) < 50
-    with pytest.raises(InvalidMeshError, match=r"mm off its \d+ pieces, and 0.1 mm are allowed"):
-        mesh_pieces(ring, 32, 1e-4)
+    assert coarse.error.largest > 1e-4 and len(coarse.pieces) <= module.PIECES
+    found = mesh_pieces(ring, tolerance=5e-5)
+    assert found.error.largest <= 5e-5 and 45 <= len(found.pieces) < 60
+    with pytest.raises(
+        InvalidMeshError, match=r"mm off its \d+ pieces, and 0.05 mm are allowed; most=64 asks"
+    ):
+        mesh_pieces(ring, 32, 5e-5)
+    assert 30 <= len(mesh_pieces(ring, 32).pieces) <= 32, "as many as allowed"
     assert len(mesh_pieces(ring, tolerance=0.005).pieces) == len(coarse.pieces), "no coarser"
+
+
+@pytest.mark.parametrize(("most", "largest"), [(None, 2.4e-3), (64, 1.4e-3)])
+def test_pieces_of_a_bowl_are_half_a_facets_depth_off_on_either_side(most, largest):
+    """n facets on a ball of radius R are pi R / (2 n) deep at least, here 3.6 mm for 32."""
+    turn = 0.5 * np.pi * np.linspace(0.0, 1.0, 33)[1:]
+    circle = np.column_stack([np.sin(turn), -np.cos(turn)])
+    profile = np.concatenate([0.08 * circle, 0.074 * circle[::-1]])
+    found = mesh_pieces(make_solid("bowl", *meshes.revolved(meshes.closed(profile, -0.08, -0.074), 64)), most)
+    count = most or module.PIECES
+    assert 0.9 * count <= len(found.pieces) <= count
+    assert 0.5 * np.pi * 0.074 / (2 * count) < found.error.largest < largest and found.note is None
 
 
 def test_a_tolerance_decides_whether_few_sides_are_round():
@@ -161,8 +177,6 @@ def test_a_bracket_is_two_plates():
 def test_a_bin_with_thin_walls_gets_fine_pieces():
     """The coarse cuts close the bin: finer ones are tried until the error is allowed."""
     pytest.importorskip("coacd")
-    from unc_physics.shapes import household_meshes as meshes
-
     found = mesh_pieces(make_solid("bin", *meshes.bin()), seconds=300.0)
     assert len(found.pieces) <= module.PIECES and found.error.largest < 0.02 * found.extent
 

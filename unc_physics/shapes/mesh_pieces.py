@@ -44,6 +44,10 @@ _SIMPLIFIED = 0.003
 HULL_DEPTH, _KEPT = 0.002, 96
 #: Errors that differ by less, as a share of the extent, are equal: then fewer pieces are better.
 _EQUAL = 0.001
+#: Share of the extent that hollow surfaces of revolution stick out, at least, if a number of pieces is given.
+_FINEST = 2e-4
+#: How far they may stick out over the tolerance: up to twice, as half is on either side; once in thin walls.
+_SHARES = (1.9, 1.4, 0.96)
 _AT_ONCE = 4_000_000  # heights of points above faces: 32 MB
 _STARTS = np.array([[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z])
 
@@ -246,12 +250,14 @@ def measured_pieces(pieces: Sequence[Piece], kind: str, solid: SolidMesh) -> Mes
 
 def _component(corners, most, tolerance):
     """Return the name and the pieces of a component that is a simple shape or fills its hull, else None."""
-    found = recognized(corners, PIECES if most is None else most)
-    if found is None or tolerance is None or surface_error(found[1], corners).largest <= tolerance:
+    finest = None if most is None else _FINEST * float(np.ptp(corners, axis=(0, 1)).max())
+    found = recognized(corners, most or PIECES, finest)
+    if found is None or tolerance is None:
         return found or _convex(corners, tolerance)
-    finer = recognized(corners, PIECES_LIMIT if most is None else most, tolerance)
-    if finer is not None and surface_error(finer[1], corners).largest <= tolerance:
-        return finer
+    for share in (0.0, *(_SHARES if most is None else ())):
+        finer = recognized(corners, PIECES_LIMIT, share * tolerance) if share else found
+        if finer is not None and surface_error(finer[1], corners).largest <= tolerance:
+            return finer
     return _convex(corners, tolerance) or found  # few sides are nearer to their hull than to a cylinder
 
 

@@ -31,14 +31,15 @@ _SAME = 1e-5
 _PROFILE = 64
 #: Share of the distance that pieces may stick out that is used up by simplifying a profile.
 _SHARE = 0.02
-#: Distances that pieces may stick out where it is hollow, as shares of the extent, until they are few enough.
-HOLLOWS = tuple(0.004 * 1.2**k for k in range(18))
+#: Distance that pieces may stick out where it is hollow, as a share of the extent, unless they are too many.
+FINEST = 0.004
+_CLOSE = 1.03  # ratio of the distances with few enough and with too many pieces at which a search ends
 _SIDE = 0.05  # cosine between a normal of a side and the axis
 
 Found = tuple[str, tuple[Piece, ...]]
 
 
-def recognized(corners: np.ndarray, most: int, tolerance: float | None = None) -> Found | None:
+def recognized(corners: np.ndarray, most: int, finest: float | None = None) -> Found | None:
     """Return the name and the pieces of the simple shape that a closed mesh has, or None.
 
     Parameters
@@ -46,9 +47,10 @@ def recognized(corners: np.ndarray, most: int, tolerance: float | None = None) -
     corners : (m, 3, 3) array
         Corners of the triangles, counter-clockwise from outside [m].
     most : int
-        Number of pieces to aim at where a surface of revolution is hollow: fewer stick out more.
-    tolerance : float, optional
-        Largest distance by which they may stick out [m]; by default as little as so many pieces allow.
+        Number of pieces, at most, where a surface of revolution is hollow: fewer stick out more.
+    finest : float, optional
+        Distance by which they may stick out even if more pieces are allowed [m]; by default 0.4 % of the
+        extent. Half of it is on either side of the mesh.
     """
     mesh = _Mesh(corners)
     for test in (_ball, _box):
@@ -60,7 +62,7 @@ def recognized(corners: np.ndarray, most: int, tolerance: float | None = None) -
                 return piece
         if (profile := _profile(mesh, axis)) is not None:
             turn = rotation_to(axis)
-            pieces = _few(profile, most, mesh.extent, tolerance)
+            pieces = _few(profile, most, FINEST * mesh.extent if finest is None else finest)
             return "surface of revolution", tuple(piece.moved(mesh.center, turn) for piece in pieces)
     return None
 
@@ -315,20 +317,21 @@ def _turned_volume(profile):
     return abs(float(np.sum((r * r + r * s + s * s) * (w - z)))) * math.pi / 3.0
 
 
-def _few(profile, most, extent, tolerance) -> Sequence[Piece]:
-    """Return pieces of a profile's turn: within a tolerance if so many are enough, and else that many."""
-    if tolerance is not None:
-        pieces = _cut(profile, (1.0 - 2.0 * _SHARE) * tolerance)
-        if len(pieces) <= most:
-            return pieces
-    low, high = 0, len(HOLLOWS) - 1
-    pieces = _cut(profile, HOLLOWS[low] * extent)
-    if len(pieces) <= most:
-        return pieces
-    pieces = _cut(profile, HOLLOWS[high] * extent)
-    while high - low > 1:
-        middle = (low + high) // 2
-        found = _cut(profile, HOLLOWS[middle] * extent)
+def _few(profile, most, finest) -> Sequence[Piece]:
+    """Return at most so many pieces of a profile's turn, that stick out as little as possible.
+
+    Their number falls with the distance that they stick out, or with its square root.
+    """
+    low, pieces = finest, _cut(profile, finest)
+    high, step = low, len(pieces) / most
+    while len(pieces) > most and high < float(np.ptp(profile, axis=0).max()):
+        high *= max(step, 1.5)
+        pieces = _cut(profile, high)
+        if len(pieces) > most:
+            low = high
+    while high > _CLOSE * low:
+        middle = math.sqrt(low * high)
+        found = _cut(profile, middle)
         if len(found) <= most:
             high, pieces = middle, found
         else:
@@ -337,7 +340,7 @@ def _few(profile, most, extent, tolerance) -> Sequence[Piece]:
 
 
 def _cut(profile, hollow):
-    return lathe_pieces(_simplified(profile, _SHARE * hollow), hollow)
+    return lathe_pieces(_simplified(profile, _SHARE * hollow), (1.0 - 2.0 * _SHARE) * hollow, both_ways=True)
 
 
 def _simplified(profile, tolerance):

@@ -13,7 +13,7 @@ _LEVEL = 1e-12  # share of the squared size: smaller areas count as zero
 _SECTORS = 1 << 12  # of a ring, at most; a tolerance that needs more is not met
 
 
-def lathe_pieces(profile: np.ndarray, tolerance: float) -> list[Lathe]:
+def lathe_pieces(profile: np.ndarray, tolerance: float, both_ways: bool = False) -> list[Lathe]:
     """Return the pieces of a solid of revolution about z.
 
     Fewer parts of the profile are wider, and their rings need more sectors: of all numbers of parts, the one
@@ -25,6 +25,9 @@ def lathe_pieces(profile: np.ndarray, tolerance: float) -> list[Lathe]:
         Simple polygon of radius and height that bounds the solid's half section [m].
     tolerance : float
         Largest distance by which pieces may stick out of the solid, where it is hollow [m].
+    both_ways : bool
+        Whether hollow sides lie half of this distance too far out and half too far in, as far as walls are
+        thick enough. Otherwise pieces cover the solid.
 
     Returns
     -------
@@ -38,8 +41,52 @@ def lathe_pieces(profile: np.ndarray, tolerance: float) -> list[Lathe]:
         for part in frozenset().union(*stages)
     }
     fewest = min(stages, key=lambda parts: sum(counts[part] for part in parts))
-    turned = [_turned(convex_outline(profile[sorted(part)]), counts[part]) for part in fewest]
-    return [piece for pieces in turned for piece in pieces]
+    corners = _recessed(profile, fewest, counts) if both_ways else profile
+    pieces = []
+    for part in fewest:
+        outline = [k for k in _numbers(convex_outline(profile[sorted(part)]), profile, part) if k is not None]
+        pieces += _turned(convex_outline(corners[outline]), counts[part])
+    return pieces
+
+
+def _numbers(points, profile, part):
+    """Return the number of each point among a part's corners of a profile, or None."""
+    numbers = {(*profile[k],): k for k in part}
+    return [numbers.get((*point,)) for point in points]
+
+
+def _recessed(profile, parts, counts):
+    """Return a profile whose hollow corners are moved into the solid, by half of what pieces stick out there.
+
+    Corners of the solid's convex hull stay, on which it stands, and one that would come close to the other
+    side of a thin wall moves less.
+    """
+    way, depth = np.zeros_like(profile), np.zeros(len(profile))
+    for part in parts:
+        corners, count = profile[sorted(part)], counts[part]
+        hull = convex_outline(corners if count > 1 else np.concatenate([corners, corners * [0.0, 1.0]]))
+        numbers = _numbers(hull, profile, part)
+        for k, (a, b) in enumerate(zip(hull, np.roll(hull, -1, axis=0), strict=True)):
+            ends = {number for number in (numbers[k], numbers[(k + 1) % len(hull)]) if number is not None}
+            if len(ends) == 2 and any(ends <= other for other in parts if other is not part):
+                continue  # a seam
+            points = a + ((np.arange(_SAMPLES) + 0.5) / _SAMPLES)[:, None] * (b - a)
+            out = np.array([b[1] - a[1], a[0] - b[0]])
+            height = _outside(points, profile).max()
+            if out[0] < 0.0 and count > 1:
+                height = max(height, _outside(points * [math.cos(math.pi / count), 1.0], profile).max())
+            if height > 0.0:
+                ends = list(ends)
+                way[ends] -= out / np.linalg.norm(out)
+                depth[ends] = np.maximum(depth[ends], height)
+    step = 0.5 * depth[:, None] * way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
+    step[profile[:, 0] == 0.0, 0] = 0.0
+    outer = {(*point,) for point in convex_outline(np.concatenate([profile, profile * [-1.0, 1.0]]))}
+    step[[(*point,) in outer for point in profile]] = 0.0
+    share = np.zeros(len(profile))
+    for one in (0.125, 0.25, 0.5, 1.0):
+        share = np.where(_outside(profile + (1.5 * one) * step, profile) == 0.0, one, share)
+    return profile + share[:, None] * step
 
 
 def _count(part, profile, tolerance):
@@ -151,6 +198,11 @@ def _sticks_out(hull, polygon):
     """Return the largest distance by which the boundary of a hull is outside a polygon."""
     share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     points = (hull[:, None] + share[:, None] * (np.roll(hull, -1, axis=0) - hull)[:, None]).reshape(-1, 2)
+    return float(_outside(points, polygon).max(initial=0.0))
+
+
+def _outside(points, polygon):
+    """Return the distances (n,) of points (n, 2) outside of a polygon."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
     along = b - a
     offset = points[:, None] - a
@@ -160,4 +212,4 @@ def _sticks_out(hull, polygon):
     with np.errstate(divide="ignore", invalid="ignore"):
         crossing = a[:, 0] + (points[:, None, 1] - a[:, 1]) / along[:, 1] * along[:, 0]
     inside = np.sum(above & (points[:, None, 0] < crossing), axis=1) % 2 == 1
-    return float(np.where(inside, 0.0, distance).max(initial=0.0))
+    return np.where(inside, 0.0, distance)
