@@ -219,16 +219,18 @@ def pivoted_cholesky_of_blocks(blocks, tolerance):
                     m, pivot = b, i
         if not rest[m, pivot, pivot] > tolerance * largest:
             break
-        root, r = math.sqrt(rest[m, pivot, pivot]), rank[m]
+        own, r = rest[m], rank[m]
+        root, column = math.sqrt(own[pivot, pivot]), empty(n)
         number[m, r], rank[m] = iteration, r + 1
         for i in range(n):
-            L[m, i, r] = rest[m, i, pivot] / root
+            column[i] = own[i, pivot] / root
         for i in range(n):
-            l_i = L[m, i, r]
+            L[m, i, r] = l_i = column[i]
             if l_i != 0.0:
+                row = own[i]
                 for j in range(n):
-                    rest[m, i, j] -= l_i * L[m, j, r]
+                    row[j] -= l_i * column[j]
         for i in range(n):  # the pivot's row and column become exactly zero
-            rest[m, i, pivot] = rest[m, pivot, i] = 0.0
+            own[i, pivot] = own[pivot, i] = 0.0
     most = rank.max()
     return L[:, :, :most].copy(), number[:, :most].copy(), rest
