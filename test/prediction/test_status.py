@@ -11,7 +11,17 @@ from example_scenes import two_bodies
 from plain_scenes import BALL, BLOCK, G, independent, lowest, state
 from twins.states import boxminus
 
-from unc_physics import Belief, BodyBelief, RigidBody, Scene, load_model, load_scene, make_propagator, predict
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    RigidBody,
+    Scene,
+    load_model,
+    load_scene,
+    make_propagator,
+    predict,
+    primitive_model,
+)
 from unc_physics.__main__ import main
 from unc_physics.prediction.body_status import Status
 from unc_physics.prediction.diagnostics import RULES
@@ -239,7 +249,7 @@ def test_a_body_whose_pieces_are_coarse_has_a_note():
         RigidBody(name, replace(box, pieces_kind=kind, pieces_error=np.array([1e-3, high, 3e-3, 0.0123])))
         for name, (kind, high) in given.items()
     ]
-    scene = Scene.everyday(bodies, exact=True)
+    scene = Scene.everyday(bodies, exact=True, gravity=(0, 0, 0))
     apart = {name: BodyBelief(position=(float(k), 0.0, 0.0)) for k, name in enumerate(given)}
     found = assess(predict(scene, Belief.of(scene, apart), "sigma_points", 0.02), rollouts=0)
     assert [" ".join(status.notes) for status in found] == [
@@ -277,3 +287,24 @@ def test_sigma_points_of_which_some_fall_are_flagged():
     )
     (status,) = assess(predict(scene, belief, "sigma_points", 1.0))
     assert status.flags & Status.MEAN_NOT_POSSIBLE and status.measures["outcomes"] == 2.0
+
+
+@pytest.mark.parametrize(
+    "radius, fields, words",
+    [
+        (0.1, {}, "falls for ever"),
+        (0.1, {"environment": [Plane()]}, None),
+        (0.1, {"gravity": (0, 0, 0)}, None),
+        (4.0, {"environment": [Plane()]}, None),
+        (6.0, {"environment": [Plane()]}, "has a size of 12 m"),
+        (4e-4, {"environment": [Plane()]}, "has a size of 0.0008 m"),
+        (6e-4, {"environment": [Plane()]}, None),
+    ],
+)
+def test_notes_on_unlikely_sizes_and_falls_without_end(radius, fields, words):
+    ball = primitive_model("sphere", radius=radius)
+    scene = Scene.everyday([RigidBody("ball", ball, 1e3 * ball.volume)], exact=True, **fields)
+    belief = independent(state((0, 0, radius + 0.01)), position=1e-4 * radius)
+    (status,) = assess(predict(scene, belief, "sigma_points", 0.01), rollouts=0)
+    assert [note for note in status.notes if words is None or words in note] == list(status.notes)
+    assert bool(status.notes) == (words is not None)

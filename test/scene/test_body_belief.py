@@ -61,6 +61,7 @@ def test_what_does_not_fit_is_named(bodies, words):
         ({"orientation_std": (0, 0, float("nan"))}, "^orientation_std must be finite"),
         ({"linear_velocity_std": 1e200}, "^linear_velocity_std is too large"),
         ({"orientation_std": 20.0}, "^orientation_std is more than a full turn; it is in rad"),
+        ({"roll_pitch_yaw": (0, 0, -90)}, "^roll_pitch_yaw is more than a full turn; it is in rad"),
         ({"covariance": np.eye(6)}, r"^covariance must have shape \(12, 12\)"),
         (
             {"covariance": np.eye(12), "position_std": 0.1},
@@ -235,6 +236,7 @@ def test_angles_in_degrees_turn_elements_and_paths():
             "covariance must not be given beside pose_covariance",
         ),
         ("body", {"roll_pitch_yaw": {"radians": [0, 0, 1]}}, "has no key 'radians'"),
+        ("body", {"roll_pitch_yaw": [0, 0, 90]}, r"bodies\[0\].roll_pitch_yaw is more than a full turn"),
         ("body", {"roll_pitch_yaw": {}}, r"roll_pitch_yaw.degrees must be a list of 3 numbers"),
         (
             "box",

@@ -8,6 +8,7 @@ from ..scene.scene import Scene
 from ..shapes.mesh_pieces import NOTED
 from ..shapes.packing_file import HULL
 
+_SIZES = 1e-3, 10.0  # below and above the sizes of what robots handle and stand on [m]
 _DENSITIES = 0.1, 1e5  # below and above the densities of all materials [kg/m^3]
 
 
@@ -42,3 +43,27 @@ def odd_density(scene: Scene, body: int) -> str | None:
         f"has a mass that does not fit its size, {own.mass:.3g} kg and {own.model.volume:.3g} m^3; is its"
         " mesh in millimetres? Scale it to metres, or correct the mass"
     )
+
+
+def odd_size(scene: Scene, body: int) -> str | None:
+    """Return that a body, by its index, is larger than 10 m or smaller than 1 mm; None if it is not.
+
+    Scenes of the explicit integrator choose their units themselves.
+    """
+    size, (low, high) = 2.0 * scene.bodies[body].model.bounding_radius, _SIZES
+    if scene.integrator == "explicit" or low <= size <= high:
+        return None
+    return f"has a size of {size:.3g} m; lengths are in metres, is it given in another unit?"
+
+
+def bottomless(scene: Scene, body: int) -> str | None:
+    """Return that a body, by its index, falls for ever, as nothing can stop it; None if something can."""
+    if (
+        scene.integrator == "explicit"
+        or not scene.bodies[body].free
+        or not scene.gravity.any()
+        or scene.environment
+        or not all(one.free for one in scene.bodies)
+    ):
+        return None
+    return "falls for ever, as the scene has no environment; give it a plane or a box to land on"

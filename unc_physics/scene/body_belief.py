@@ -112,12 +112,7 @@ class BodyBelief:
         if self.origin not in ORIGINS:
             raise InvalidRequestError(one_of(self.origin, ORIGINS), field="origin", value=self.origin)
         checked |= {name: three_stds(getattr(self, name), name) for name in STDS}
-        if checked["orientation_std"].max() > _FULL_TURN:
-            raise InvalidRequestError(
-                "is more than a full turn; it is in rad, not in degrees",
-                field="orientation_std",
-                value=self.orientation_std,
-            )
+        within_a_turn(checked["orientation_std"], "orientation_std")
         P = self._checked_covariance(checked, checked["orientation"])
         std = np.sqrt(np.maximum(P.diagonal(), 0.0))
         checked |= {name: std[place] for name, place in STDS.items()}
@@ -132,6 +127,7 @@ class BodyBelief:
         if self.orientation is not None:
             raise InvalidRequestError("must not be given beside orientation", field="roll_pitch_yaw")
         angles = array(self.roll_pitch_yaw, (3,), "roll_pitch_yaw")
+        within_a_turn(angles, "roll_pitch_yaw")
         object.__setattr__(self, "roll_pitch_yaw", None)
         return quaternion(from_roll_pitch_yaw(angles), "roll_pitch_yaw")
 
@@ -219,6 +215,14 @@ def pose_covariance(value, axes, orientation, field="pose_covariance") -> np.nda
     to_body = np.eye(6)
     to_body[3:, 3:] = rotation_matrix(orientation).T
     return to_body @ P @ to_body.T
+
+
+def within_a_turn(angles, field) -> None:
+    """Raise `InvalidRequestError` for an angle of more than a full turn, which was meant in degrees."""
+    if np.abs(angles).max() > _FULL_TURN:
+        raise InvalidRequestError(
+            "is more than a full turn; it is in rad, not in degrees", field=field, value=angles.tolist()
+        )
 
 
 def three_stds(value, field) -> np.ndarray:

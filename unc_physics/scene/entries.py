@@ -10,7 +10,7 @@ from ..checks.errors import InvalidRequestError, UncPhysicsError
 from ..checks.names import hint, removed
 from ..checks.validation import array, number
 from ..spatial.rotation import from_roll_pitch_yaw
-from .body_belief import three_stds
+from .body_belief import three_stds, within_a_turn
 
 ORIENTATION, ROLL_PITCH_YAW = "orientation", "roll_pitch_yaw"
 
@@ -40,6 +40,7 @@ def read_orientation(content, field, error: type[UncPhysicsError] = InvalidReque
         turned = np.radians(read_numbers(value.get("degrees"), (3,), f"{place}.degrees", error))
     elif value is not None:
         turned = read_numbers(value, (3,), place, error)
+        at_field(field, within_a_turn, turned, ROLL_PITCH_YAW)
     if turned is None:
         return found
     if found is not None:
