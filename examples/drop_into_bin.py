@@ -8,7 +8,7 @@ gripper's inaccuracy, and those that clearly lose get few of them.
 import numpy as np
 
 from unc_physics.ros import Client, environment, make_message, object_state, poses_of, prediction_request
-from unc_physics_msgs.msg import BoxRegion, Candidate, Physics, Score
+from unc_physics_msgs.msg import BoxRegion, Candidate, Event, Physics
 
 OFFSETS = 0.0, 0.08, 0.12, 0.14, 0.16, 0.20  # m, of the release pose from the bin's centre, along it
 HEIGHT = 0.17  # m, of the salt box's bottom above the bin's floor
@@ -43,17 +43,15 @@ def main() -> None:
         samples=SAMPLES,
         seed=1,
     )
-    score = Score(quantity=Score.IN_REGION, object="salt_box", other="inside")
+    score = Event(kind=Event.IN_REGION, object="salt_box", other="inside")
     with Client() as client:
         answer = client.rank(request, candidates, score=[score])
     print(f"{'release pose':14}{'inside':>8}{'interval':>14}{'rollouts':>10}{'std of the position [m]':>26}")
     for entry in answer.predictions:
-        share, (_, covariances) = entry.score, poses_of(entry.prediction)["salt_box"]
-        interval = f"{share.low:8.0%} -{share.high:4.0%}"
+        _, covariances = poses_of(entry.prediction)["salt_box"]
+        interval = f"{entry.score_low:8.0%} -{entry.score_high:4.0%}"
         std = row(np.sqrt(covariances[-1].diagonal()[:3]))
-        print(
-            f"{entry.candidate:14}{share.probability:8.0%}{interval}{entry.prediction.rollouts:10}{std:>26}"
-        )
+        print(f"{entry.candidate:14}{entry.score:8.0%}{interval}{entry.prediction.rollouts:10}{std:>26}")
 
 
 def held(offset: float):

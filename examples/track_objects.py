@@ -3,7 +3,7 @@
 Start the node first, with its tracker and a table, then run this:
 
     ros2 run unc_physics unc_physics_node --ros-args -p track:=true \\
-        -p environment:=examples/scenes/push_box.yaml -p observed_objects:=[can] -p observed_models:=[can]
+        -p environment:=examples/scenes/push_box.yaml -p observed_objects:=[can]
 
 Another name of the node, such as /tracker, is an argument of this program.
 """
@@ -16,6 +16,7 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
 
 from unc_physics.ros import Client, make_message, poses_of
+from unc_physics_msgs.msg import Event
 
 HEIGHT, GRAVITY = 1.0, 9.81  # m, m/s^2
 PERIOD, SEEN_FOR = 1.0 / 30.0, 0.3  # s
@@ -45,8 +46,8 @@ def main(server: str = "/unc_physics") -> None:
     poses, covariances = poses_of(answer.prediction)["can"]
     std = np.sqrt(covariances[-1].diagonal())
     print(f"in 3 s at {row(poses[-1, :3])} m +- {row(std[:3])} m")
-    (predicted,) = answer.prediction.objects
-    print(f"at rest then: {predicted.at_rest.probability:.2f}")
+    (at_rest,) = (event for event in answer.prediction.events if event.kind == Event.AT_REST)
+    print(f"at rest then: {at_rest.probability:.2f}")
     rclpy.shutdown()
 
 

@@ -121,11 +121,11 @@ def _object(name, model, place, rng, at_rest):
 
     state = ObjectState(id=name, model=model, at_rest=at_rest)
     turn = 0.5 * rng.normal(0.0, ROTATION_STD, 3)
-    pose, q = state.pose, state.pose.orientation
+    pose, q = state.pose.pose, state.pose.pose.orientation
     pose.position.x, pose.position.y, pose.position.z = (place + rng.normal(0.0, POSITION_STD, 3)).tolist()
     q.x, q.y, q.z, q.w = (np.append(turn, 1.0) / np.linalg.norm(np.append(turn, 1.0))).tolist()
-    state.belief.pose_covariance = np.diag([POSITION_STD**2] * 3 + [ROTATION_STD**2] * 3).ravel()
-    state.belief.twist_covariance[0] = -1.0
+    state.pose.covariance = np.diag([POSITION_STD**2] * 3 + [ROTATION_STD**2] * 3).ravel()
+    state.twist.covariance[0] = -1.0
     return state
 
 

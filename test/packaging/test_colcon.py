@@ -28,27 +28,27 @@ print(json.dumps({
 }))
 """
 
-# starts the installed node as ros2 run does, asks it for its models, which takes no kernels to compile, and
-# ends it
+# starts the installed node as ros2 run does, asks it for its capabilities, which takes no kernels to
+# compile, and ends it
 ASK = """
 import os, signal, subprocess, sys
 import rclpy
 from ament_index_python.packages import get_package_prefix
 from rclpy.node import Node
-from unc_physics_msgs.srv import ListModels
+from unc_physics_msgs.srv import GetCapabilities
 
 executable = os.path.join(get_package_prefix("unc_physics"), "lib", "unc_physics", "unc_physics_node")
 server = subprocess.Popen([executable, "--ros-args", "-p", "warm_up:=['']"])
 try:
     rclpy.init()
     node = Node("asker")
-    client = node.create_client(ListModels, "/unc_physics/list_models")
+    client = node.create_client(GetCapabilities, "/unc_physics/get_capabilities")
     while not client.wait_for_service(timeout_sec=1.0):
         assert server.poll() is None, "the node ended"
-    future = client.call_async(ListModels.Request())
+    future = client.call_async(GetCapabilities.Request())
     while not future.done():
         rclpy.spin_once(node, timeout_sec=1.0)
-    assert "bunny" in [model.name for model in future.result().models], future.result()
+    assert future.result().world_frame == "world", future.result()
     server.send_signal(signal.SIGINT)
     sys.exit(server.wait())
 finally:

@@ -25,7 +25,7 @@ int main()
   const auto request = can_and_brick::request();
   for (const auto & object : request.scene.objects) {
     std::cout << object.id << " " << object.model << " " << object.spheres << " " << int(object.kind)
-              << " " << object.pose.position.x << " " << object.belief.pose_covariance[35] << "\n";
+              << " " << object.pose.pose.position.x << " " << object.pose.covariance[35] << "\n";
   }
   can_and_brick::Response response;
   response.prediction.objects.resize(1);

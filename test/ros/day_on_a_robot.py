@@ -46,7 +46,9 @@ class Day:
         node = client.node
         self._clock = node.create_publisher(Clock, "/clock", 1)
         self._trackers = [
-            node.create_publisher(PoseWithCovarianceStamped, f"/can_{k}", qos_profile_sensor_data)
+            node.create_publisher(
+                PoseWithCovarianceStamped, f"/{NODE}/observed/can_{k}", qos_profile_sensor_data
+            )
             for k in range(CANS + 1)  # the last one sees the first can a second time
         ]
         self._scenes = node.create_publisher(Scene, f"/{NODE}/scene", qos_profile_sensor_data)
@@ -158,8 +160,7 @@ def day(duration, seed=1, report=lambda text: None, **parameters):
     """Spend so many seconds; return the growth of the node's memory [MB] and the `Day`."""
     parameters |= {
         "use_sim_time": True,
-        "tracked_topics": [f"/can_{k}" for k in range(CANS + 1)],
-        "tracked_models": ["can"] * (CANS + 1),
+        "observed_objects": [f"can_{k}=can" for k in range(CANS + 1)],
         "zero_covariance": "exact",
     }
     with NodeProcess(name=NODE, **parameters) as node, Client() as client:

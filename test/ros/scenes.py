@@ -28,10 +28,10 @@ def moving_object(
 ):
     """An object with an uncertain pose."""
     message = ObjectState(id=name, model=model, mass=1.0, spheres=spheres)
-    pose, twist = message.pose, message.twist
+    pose, twist = message.pose.pose, message.twist.twist
     pose.position.x, pose.position.y, pose.position.z = position
     twist.linear.x, twist.linear.y, twist.linear.z = velocity
-    message.belief.pose_covariance = diagonal(*[POSITION_STD] * 3, *[ROTATION_STD] * 3)
+    message.pose.covariance = diagonal(*[POSITION_STD] * 3, *[ROTATION_STD] * 3)
     return message
 
 
@@ -40,8 +40,8 @@ _TIMES = "horizon", "trajectory_period", "max_computation_time"
 
 
 def request_of(*objects, horizon=0.2, **others):
-    """A request without gravity, which waits for kernels that are not in the cache; times in seconds."""
-    others = {"wait_for_compilation": True} | others | {"horizon": horizon}
+    """A request without gravity; times in seconds."""
+    others = others | {"horizon": horizon}
     others |= {name: duration(others[name]) for name in _TIMES if name in others}
     request = PredictionRequest(scene=Scene(objects=list(objects)), **others)
     return with_physics(request, gravity=(0.0, 0.0, 0.0))
@@ -121,10 +121,11 @@ def assert_same(response, expected):
 
 def position_of(pose):
     """(3,)"""
+    pose = getattr(pose, "pose", pose)  # with or without a covariance
     return np.array([pose.position.x, pose.position.y, pose.position.z])
 
 
 def orientation_of(pose):
     """(4,)"""
-    q = pose.orientation
+    q = getattr(pose, "pose", pose).orientation
     return np.array([q.x, q.y, q.z, q.w])

@@ -36,14 +36,14 @@ from shape_msgs.msg import Mesh, Plane, SolidPrimitive
 from unc_physics import PROPAGATORS
 from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.msg import (
-    AppliedWrench,
+    Action,
     BoxRegion,
     Candidate,
     EnvironmentElement,
+    Event,
     JointCovariance,
     Prediction,
     Scene,
-    Score,
 )
 from unc_physics_msgs.srv import Predict, PredictCandidates
 
@@ -51,7 +51,7 @@ NODE = "soaked"
 IN_FLIGHT = 4
 WARM_UP_SHARE = 0.25
 GROWTH_LIMIT = 20.0  # MB
-LIMITS = {"max_horizon": 5.0, "max_computation_time": 0.2, "max_samples": 500, "max_spheres": 2000}
+LIMITS = {"max_horizon": 5.0, "max_computation_time": 0.2, "max_memory": 16.0}
 
 NUMBERS = [
     0.0,
@@ -113,11 +113,11 @@ PARTS = [
     lambda: BoxRegion(id="bin"),
     lambda: EnvironmentElement(plane=Plane(coef=[0.0, 0.0, 1.0, 2.0])),
     lambda: JointCovariance(object_ids=["left"], data=packed(np.eye(12))),
-    AppliedWrench,
+    lambda: Action(type=Action.WRENCH, object="left"),
     Mesh,
     Vector3,
     Duration,
-    Score,
+    lambda: Event(kind=Event.AT_REST, object="left"),
     Plane,
     SolidPrimitive,
     lambda: KeyValue(key="points", value="full"),
@@ -188,7 +188,7 @@ def kinds_of_requests():
         for of_kind in (explicit, lambda request: request):
             for mass_std in (0.0, 0.1):
                 request = good_request(horizon=0.1, return_probabilities=True, propagator=propagator)
-                request.scene.objects[0].belief.mass_std = mass_std
+                request.scene.objects[0].mass_std = mass_std
                 yield of_kind(request)
 
 

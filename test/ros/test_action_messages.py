@@ -19,7 +19,7 @@ from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.scene.kinematic_states import path_states
 from unc_physics.scene.presets import EXACT_PRESETS
-from unc_physics_msgs.msg import Action, AppliedWrench, Attachment, Material, ObjectState
+from unc_physics_msgs.msg import Action, Material, ObjectState
 from unc_physics_msgs.msg import Scene as SceneMessage
 
 LIBRARY = ModelLibrary()
@@ -53,19 +53,20 @@ def robot_scene(frame=None):
                 time_from_start=duration(time),
             )
         )
-    hold = make_message(
-        Attachment, attached_to="hand", attached_at=0.25, released_at=1.0, released_at_std=0.125
-    )
     push = WrenchMessage(force=Vector3(x=1.0, y=2.0, z=3.0), torque=Vector3(z=0.1))
     lift = WrenchMessage(force=Vector3(z=1.0))
     actions = [
-        Action(type=Action.ATTACHMENT, object="mug", attachment=hold),
-        Action(
-            type=Action.WRENCH,
+        make_message(
+            Action,
+            type=Action.ATTACHMENT,
             object="mug",
-            wrench=make_message(AppliedWrench, wrench=push, start=0.25, duration=0.5),
+            attached_to="hand",
+            start=0.25,
+            duration=0.75,
+            release_std=0.125,
         ),
-        Action(type=Action.WRENCH, object="mug", wrench=AppliedWrench(wrench=lift, body_axes=True)),
+        make_message(Action, type=Action.WRENCH, object="mug", wrench=push, start=0.25, duration=0.5),
+        Action(type=Action.WRENCH, object="mug", wrench=lift, body_axes=True),
         Action(
             type=Action.TRAJECTORY,
             object="hand",
@@ -158,11 +159,11 @@ def along(*times, **others):
 
 
 def held(**fields):
-    return Action(type=Action.ATTACHMENT, object="a", attachment=Attachment(**fields))
+    return Action(type=Action.ATTACHMENT, object="a", **fields)
 
 
 TWO_PER_POINT = MultiDOFJointTrajectory(points=[MultiDOFJointTrajectoryPoint()] * 2)
-PUSH = AppliedWrench(wrench=WrenchMessage(force=Vector3(x=1.0)))
+PUSH = WrenchMessage(force=Vector3(x=1.0))
 
 
 @pytest.mark.parametrize(
@@ -186,23 +187,19 @@ PUSH = AppliedWrench(wrench=WrenchMessage(force=Vector3(x=1.0)))
         (0, [along(0, 1, wrench=PUSH)], "actions[0].wrench must not be set in an action of type TRAJECTORY"),
         (0, [Action(object="a")], "actions[0].type must be TRAJECTORY, ATTACHMENT or WRENCH"),
         (0, [Action(type=Action.WRENCH, object="b")], "actions[0].object is no object of the scene"),
-        (0, [held(attached_to="a")], "actions[0].attachment.attached_to must be another body than itself"),
-        (0, [held(attached_to="b")], "actions[0].attachment.attached_to is no body of the scene"),
-        (0, [held()], "actions[0].attachment.attached_to must be the id of an object"),
+        (0, [held(attached_to="a")], "actions[0].attached_to must be another body than itself"),
+        (0, [held(attached_to="b")], "actions[0].attached_to is no body of the scene"),
+        (0, [held()], "actions[0].attached_to must be the id of an object"),
+        (0, [held(body_axes=True)], "actions[0].body_axes must not be set in an action of type ATTACHMENT"),
         (
             0,
-            [held(attached_to="b", released_at=Duration(sec=1))],
-            "actions[0].attachment.released_at needs has_released_at beside it",
+            [held(attached_to="b", release_std=Duration(sec=-1))],
+            "actions[0].release_std must not be negative",
         ),
         (
             0,
-            [held(attached_to="b", released_at_std=Duration(sec=-1))],
-            "actions[0].attachment.released_at_std must not be negative",
-        ),
-        (
-            0,
-            [held(attached_to="b", released_at_std=Duration(sec=1))],
-            "actions[0].attachment.released_at_std needs released_at beside it",
+            [held(attached_to="b", release_std=Duration(sec=1))],
+            "actions[0].release_std needs a duration beside it",
         ),
         (
             0,

@@ -54,7 +54,7 @@ def test_any_text_and_number_of_an_object_gets_an_answer_or_a_sentence(name, mod
     spoiled_object = request.scene.objects[0]
     spoiled_object.id, request.propagator = name, ANYTIME
     spoiled_object.model = model or "bunny"
-    position = spoiled_object.pose.position
+    position = spoiled_object.pose.pose.position
     position.x, position.y, spoiled_object.mass = numbers
     check_sentence(answer_to(request))
 
@@ -62,7 +62,7 @@ def test_any_text_and_number_of_an_object_gets_an_answer_or_a_sentence(name, mod
 @pytest.mark.parametrize("count", [10**4, 10**6])
 def test_a_request_of_many_numbers_is_refused_at_once(count):
     request = good_request()
-    request.scene.objects[0].belief.covariance = packed([0.0] * count)
+    request.scene.objects[0].covariance = packed([0.0] * count)
     response = answer_to(request)
     check_sentence(response)
     assert response.result.error_code

@@ -25,11 +25,10 @@ from scenes import (
 from shape_msgs.msg import Plane, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.ros.messages.fields import duration
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 from unc_physics.shapes.library import find_model
-from unc_physics_msgs.msg import BoxRegion, EnvironmentElement, JointCovariance, ObjectState
+from unc_physics_msgs.msg import BoxRegion, EnvironmentElement, JointCovariance, MaterialPair, ObjectState
 
 NAN, INF = float("nan"), float("inf")
 SETTINGS = Settings(zero_covariance="exact")
@@ -72,9 +71,9 @@ def element(given, code, place):
 
 def at_rest(field, value, named, code="INVALID_REQUEST", gravity=None):
     """In a world with the node's gravity an object at rest, with another field that contradicts it."""
-    request = with_physics(changed("@.twist.linear.x", 0.0), gravity=gravity)
+    request = with_physics(changed("@.twist.twist.linear.x", 0.0), gravity=gravity)
     request.scene.objects[1].at_rest = True
-    twist = request.scene.objects[1].twist
+    twist = request.scene.objects[1].twist.twist
     setattr({"x": twist.linear, "z": twist.angular}.get(field, request.scene.objects[1]), field, value)
     return request, code, named
 
@@ -87,6 +86,13 @@ def material(code, place, **values):
 
 def element_material(code, place, **values):
     return element(floor(material=material_of(**values)), code, f".material.{place}")
+
+
+def pair(code, named, other="right", **values):
+    request = good_request()
+    one = MaterialPair(object_a="left", object_b=other, material=material_of(**values))
+    request.scene.pairs = [one]
+    return request, code, named
 
 
 def joint(ids, code, place, size=None):
@@ -140,7 +146,7 @@ def massless():
 LOPSIDED, INDEFINITE = diagonal(*[0.1] * 6), np.eye(6)
 LOPSIDED[3] = 0.001
 INDEFINITE[0, 1] = INDEFINITE[1, 0] = 1.1
-POSE, TWIST = "@.belief.pose_covariance", "@.belief.twist_covariance"
+POSE, TWIST = "@.pose.covariance", "@.twist.covariance"
 STEP = Duration(nanosec=10_000_000)
 WITHOUT_CORRELATIONS = explicit(good_request(propagator="surrogate", return_joint_covariance=True))
 
@@ -165,29 +171,29 @@ BAD = [
     field("@.drag", -0.1, "INVALID_REQUEST"),
     field("@.drag", NAN, "NOT_FINITE"),
     of_fixed(field("@.drag", 0.1, "INVALID_REQUEST", "@.drag must be absent")),
-    at_rest("x", 0.1, "@.twist.linear"),
-    at_rest("z", 0.1, "@.twist.angular"),
+    at_rest("x", 0.1, "@.twist.twist.linear"),
+    at_rest("z", 0.1, "@.twist.twist.angular"),
     at_rest("kind", ObjectState.FIXED, "@.at_rest"),
     at_rest("at_rest", True, "@.at_rest needs", "INVALID_OPTION", gravity=(0.0, 0.0, 0.0)),
     # what is known of them
-    field("@.pose.position.x", NAN, "NOT_FINITE", "@.pose.position"),
-    field("@.pose.orientation.w", NAN, "NOT_FINITE", "@.pose.orientation"),
-    field("@.pose.orientation.w", 0.0, "INVALID_ORIENTATION", "@.pose.orientation"),
-    field("@.pose.orientation.x", 0.1, "INVALID_ORIENTATION", "@.pose.orientation"),
-    field("@.twist.linear.y", INF, "NOT_FINITE", "@.twist.linear"),
-    field("@.twist.angular.z", NAN, "NOT_FINITE", "@.twist.angular"),
+    field("@.pose.pose.position.x", NAN, "NOT_FINITE", "@.pose.pose.position"),
+    field("@.pose.pose.orientation.w", NAN, "NOT_FINITE", "@.pose.pose.orientation"),
+    field("@.pose.pose.orientation.w", 0.0, "INVALID_ORIENTATION", "@.pose.pose.orientation"),
+    field("@.pose.pose.orientation.x", 0.1, "INVALID_ORIENTATION", "@.pose.pose.orientation"),
+    field("@.twist.twist.linear.y", INF, "NOT_FINITE", "@.twist.twist.linear"),
+    field("@.twist.twist.angular.z", NAN, "NOT_FINITE", "@.twist.twist.angular"),
     field(POSE, np.full(36, NAN), "NOT_FINITE"),
     field(POSE, LOPSIDED, "INVALID_COVARIANCE"),
     field(POSE, -2.0 * diagonal(*[1.0] * 6), "INVALID_COVARIANCE", "variance"),
     field(TWIST, INDEFINITE.ravel(), "INVALID_COVARIANCE"),
-    field("@.belief.covariance", packed(np.eye(6)), "INVALID_COVARIANCE"),
-    field("@.belief.covariance", packed(-np.eye(12)), "INVALID_COVARIANCE"),
-    field("@.belief.covariance", packed([NAN] * 144), "NOT_FINITE"),
-    field("@.belief.mass_std", -0.1, "INVALID_COVARIANCE"),
-    field("@.belief.mass_std", NAN, "NOT_FINITE"),
-    field("@.belief.mass_std", 2.0, "INVALID_COVARIANCE"),
-    field("@.belief.center_of_mass_std.y", -0.1, "INVALID_COVARIANCE", "@.belief.center_of_mass_std"),
-    field("@.belief.center_of_mass_std.z", NAN, "NOT_FINITE", "@.belief.center_of_mass_std"),
+    field("@.covariance", packed(np.eye(6)), "INVALID_COVARIANCE"),
+    field("@.covariance", packed(-np.eye(12)), "INVALID_COVARIANCE"),
+    field("@.covariance", packed([NAN] * 144), "NOT_FINITE"),
+    field("@.mass_std", -0.1, "INVALID_COVARIANCE"),
+    field("@.mass_std", NAN, "NOT_FINITE"),
+    field("@.mass_std", 2.0, "INVALID_COVARIANCE"),
+    field("@.center_of_mass_std.y", -0.1, "INVALID_COVARIANCE", "@.center_of_mass_std"),
+    field("@.center_of_mass_std.z", NAN, "NOT_FINITE", "@.center_of_mass_std"),
     field("scene.common_pose_std", [0.0] * 5 + [-0.1], "INVALID_COVARIANCE", "scene.common_pose_std[5]"),
     field("scene.common_pose_std", [NAN] + [0.0] * 5, "NOT_FINITE"),
     field("scene.common_pose_origin.z", NAN, "NOT_FINITE", "scene.common_pose_origin"),
@@ -217,9 +223,8 @@ BAD = [
     ),
     # propagator
     field("propagator", "crystal_ball", "UNKNOWN_PROPAGATOR"),
-    (many(100, return_samples=1000, trajectory_period=0.01), "LIMIT_EXCEEDED", "bytes"),
+    (many(100, return_samples=1000, trajectory_period=0.01), "LIMIT_EXCEEDED", "max_memory allows"),
     (WITHOUT_CORRELATIONS, "NOT_SUPPORTED", "return_joint_covariance"),
-    field("return_center_of_mass", True, "NOT_SUPPORTED", "return_center_of_mass was removed in version 0.3"),
     option(("samples", "5"), propagator="monte_carlo", samples=7, named="samples is given twice"),
     option(("seed", "5"), propagator="monte_carlo", seed=7, named="seed is given twice"),
     option(("colour", "red"), named="colour"),
@@ -230,7 +235,6 @@ BAD = [
     # physics
     physics("INVALID_HORIZON", dt=0.0),
     physics("NOT_FINITE", dt=NAN),
-    physics("LIMIT_EXCEEDED", "horizon", dt=1e-9),
     physics("NOT_FINITE", stiffness=NAN),
     physics("INVALID_OPTION", stiffness=-2.0),
     physics("INVALID_OPTION", "physics.stiffness must be absent with 'integrator: implicit'", stiffness=1e5),
@@ -245,7 +249,7 @@ BAD = [
     physics("INVALID_OPTION", friction_std=0.9),
     physics("INVALID_OPTION", restitution=1.5),
     physics("INVALID_OPTION", preset="lunar"),
-    physics("INVALID_OPTION", islands=False),  # removed
+    physics("INVALID_OPTION", rolling_friction=-1.0),
     physics("INVALID_OPTION", integrator="magic"),
     physics("INVALID_OPTION", "'implicit'", integrator="robust"),
     physics(
@@ -254,6 +258,12 @@ BAD = [
         integrator="explicit",
     ),
     # materials
+    pair("INVALID_REQUEST", "scene.pairs[0] must have one of friction"),
+    pair("INVALID_REQUEST", "scene.pairs[0].material.friction", friction=-1.0),
+    pair("NOT_SUPPORTED", "scene.pairs[0].material.name must be unset", name="wood"),
+    pair("NOT_SUPPORTED", "scene.pairs[0].material.friction_std must", friction=0.3, friction_std=0.1),
+    pair("INVALID_REQUEST", "scene.pairs[0] is neither a body nor", other="shelf", friction=0.3),
+    with_explicit_step(pair("INVALID_OPTION", "scene.pairs", friction=0.3)),
     material("INVALID_REQUEST", "friction", friction=-1.0),
     material("NOT_FINITE", "restitution", restitution=NAN),
     material("INVALID_REQUEST", "restitution_std", restitution_std=0.1),  # without a restitution
@@ -356,16 +366,9 @@ def test_the_node_answers_so_and_the_next_good_request_as_before(
     ("name", "limit", "make", "named"),
     [
         ("max_horizon", 2.5, lambda time: good_request(horizon=time), "horizon"),
-        ("max_steps", 48, lambda steps: good_request(horizon=steps / 240.0), "horizon"),
-        ("max_states", 2, lambda n: good_request(trajectory_period=0.2 / n), "trajectory_period"),
-        ("max_states", 2, lambda n: changed("times", [duration(0.01 * k) for k in range(1, n + 1)]), "times"),
         ("max_objects", 2, many, "scene.objects"),
-        ("max_spheres", 20, lambda n: changed("@.spheres", n), "@.spheres"),
-        ("max_elements", 1, lambda n: elements(*[floor()] * n), "scene.environment.elements"),
-        ("max_regions", 1, lambda n: regions(*map(str, range(n)), code="", named="")[0], "regions"),
-        ("max_samples", 20, lambda n: good_request(propagator="monte_carlo", samples=n), "samples"),
-        ("max_samples", 20, lambda n: option(("runs", str(n)), propagator="cloud", named="")[0], "'runs'"),
-        ("max_return_samples", 5, lambda n: good_request(return_samples=n), "return_samples"),
+        ("max_objects", 2, lambda n: elements(*[floor()] * n), "scene.environment.elements"),
+        ("max_objects", 2, lambda n: regions(*map(str, range(n)), code="", named="")[0], "regions"),
     ],
 )
 def test_a_limit_is_the_most_that_is_allowed(library, name, limit, make, named):
@@ -384,3 +387,18 @@ def test_texts_of_any_script_are_ids(predict):
     response = predict(request_of(*objects))
     assert_answered(response)
     assert [predicted.id for predicted in response.prediction.objects] == names
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        good_request(trajectory_period=1e-7),
+        good_request(return_samples=1000, trajectory_period=0.001),
+        good_request(propagator="monte_carlo", samples=100_000, trajectory_period=0.005),
+    ],
+    ids=["states", "returned samples", "samples"],
+)
+def test_memory_is_limited(library, request_):
+    settings = replace(SETTINGS, max_memory=64.0)
+    response = answer_to(request_, settings, library, computed=lambda job: False)
+    assert_refused(response, "LIMIT_EXCEEDED", "the parameter max_memory allows 64 MB")

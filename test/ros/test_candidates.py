@@ -21,15 +21,13 @@ from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
 from unc_physics_msgs.msg import (
     Action,
-    AppliedWrench,
-    Attachment,
     BoxRegion,
     Candidate,
     CandidatePrediction,
     EnvironmentElement,
+    Event,
     ObjectState,
     Result,
-    Score,
 )
 from unc_physics_msgs.srv import PredictCandidates
 
@@ -39,17 +37,14 @@ def ask(client, request):
 
 
 def held_until(seconds, holder="right"):
-    hold = Attachment(attached_to=holder, has_released_at=True, released_at=duration(seconds))
-    return Action(type=Action.ATTACHMENT, object="left", attachment=hold)
+    return Action(type=Action.ATTACHMENT, object="left", attached_to=holder, duration=duration(seconds))
 
 
 def test_actions_of_a_candidate_replace_those_on_the_same_object(node, client):
     """Releases at other times; an object that a candidate replaces has no action but the candidate's."""
     request = request_of(*good_request().scene.objects, horizon=0.4, seed=3, propagator="sigma_points")
     request.scene.objects[1].kind = ObjectState.FIXED
-    push = Action(
-        type=Action.WRENCH, object="left", wrench=AppliedWrench(wrench=Wrench(force=Vector3(y=2.0)))
-    )
+    push = Action(type=Action.WRENCH, object="left", wrench=Wrench(force=Vector3(y=2.0)))
     request.actions = [held_until(0.3), push]
     late, alone = held_until(0.2), request.scene.objects[0]
     candidates = [
@@ -61,7 +56,7 @@ def test_actions_of_a_candidate_replace_those_on_the_same_object(node, client):
     response = ask(client, PredictCandidates.Request(request=request, candidates=candidates))
     assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
     bad = response.predictions.pop()
-    assert bad.result.error_msg.startswith("candidates[3].actions[0].attachment.attached_to is no body")
+    assert bad.result.error_msg.startswith("candidates[3].actions[0].attached_to is no body")
     for entry, actions in zip(response.predictions, (request.actions, [late], []), strict=True):
         request.actions = actions
         expected = client.predict(request)
@@ -80,7 +75,7 @@ def test_bad_candidates_leave_the_others_intact(node, client, scores):
     assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
     good, heavy, typo = response.predictions
     assert good.result.error_code == ErrorCode.NONE and good.prediction.objects
-    assert good.score.available == bool(scores)
+    assert (good.score_high > 0.0) == bool(scores)
     assert (heavy.candidate, heavy.result.error_code) == ("heavy", ErrorCode.INVALID_MASS)
     assert "candidates[1].objects[0].mass" in heavy.result.error_msg and not heavy.prediction.objects
     assert (typo.candidate, typo.result.error_code) == ("typo", ErrorCode.INVALID_REQUEST)
@@ -152,7 +147,7 @@ def ranked(scores, candidates=OVER, **others):
     )
 
 
-ABOVE = Score(quantity=Score.IN_REGION, object="box", other="above")
+ABOVE = Event(kind=Event.IN_REGION, object="box", other="above")
 
 
 def test_candidates_are_ranked_by_a_score(node, client):
@@ -163,25 +158,27 @@ def test_candidates_are_ranked_by_a_score(node, client):
     assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
     assert [entry.candidate for entry in response.predictions] == ["over", "edge", "beside", "bad"]
     best, edge, beside, refused = response.predictions
-    assert (refused.result.error_code, refused.score.available) == (ErrorCode.INVALID_MASS, False)
-    assert best.score.probability > 0.9 > edge.score.probability > 0.1 > beside.score.probability
+    assert (refused.result.error_code, refused.score_high) == (ErrorCode.INVALID_MASS, 0.0)
+    assert best.score > 0.9 > edge.score > 0.1 > beside.score
     assert (best.difference, best.difference_std) == (0.0, 0.0) and best.prediction.rollouts == 100
     assert beside.clearly_worse and beside.prediction.rollouts == 20 and len(response.predictions[2:]) == 2
     for entry in (edge, beside):
         assert entry.difference < 0.0 < entry.difference_std
-        assert entry.score.low <= entry.score.probability <= entry.score.high
+        assert entry.score_low <= entry.score <= entry.score_high
     (box,) = best.prediction.objects
     assert (
         len(box.states[-1].pose_samples) == 40
         and len(beside.prediction.objects[0].states[-1].pose_samples) == 20
     )
-    assert box.fell_off.available and box.fell_off.probability == 1.0  # into the bin: farther than its radius
+    own = {event.kind: event for event in best.prediction.events if event.other in ("", "above")}
+    assert own[Event.FELL_OFF].probability == 1.0  # into the bin: farther than its radius
     single = copy.copy(request.request)
     single.scene.objects = list(OVER[1].objects)
     single.propagator = "monte_carlo"
-    (expected,) = client.predict(single).prediction.objects
+    alone = client.predict(single).prediction
+    (expected,) = alone.objects
     assert np.array_equal(numbers_of(box.states[-1]), numbers_of(expected.states[-1]))
-    assert (box.upright, box.at_rest, box.fell_off) == (expected.upright, expected.at_rest, expected.fell_off)
+    assert best.prediction.events == alone.events
 
 
 def alike(*names):
@@ -198,18 +195,18 @@ def badly_ranked(*scores, **others):
     [
         (alike(), "INVALID_REQUEST", "candidates"),
         (alike("same", "same"), "DUPLICATE_ID", "candidates[1].id"),
-        (alike(*map(str, range(101))), "LIMIT_EXCEEDED", "candidates"),
+        (alike(*map(str, range(201))), "LIMIT_EXCEEDED", "candidates"),
         (badly_ranked(propagator="none"), "UNKNOWN_PROPAGATOR", "propagator"),
-        (badly_ranked(Score(quantity=9, object="box")), "INVALID_REQUEST", "score[0].quantity is no kind"),
-        (badly_ranked(ABOVE, Score(object="box", other="bin")), "INVALID_REQUEST", "score[1].other is no"),
-        (badly_ranked(Score(quantity=3, object="cup")), "INVALID_REQUEST", "score[0].object names no body"),
+        (badly_ranked(Event(kind=9, object="box")), "INVALID_REQUEST", "score[0].kind is no kind"),
+        (badly_ranked(ABOVE, Event(object="box", other="bin")), "INVALID_REQUEST", "score[1].other is no"),
+        (badly_ranked(Event(kind=3, object="cup")), "INVALID_REQUEST", "score[0].object names no body"),
         (
-            badly_ranked(Score(quantity=3, object="box", other="x")),
+            badly_ranked(Event(kind=3, object="box", other="x")),
             "INVALID_REQUEST",
             "score[0].other must be empty",
         ),
         (
-            badly_ranked(Score(quantity=4, object="box", other="x")),
+            badly_ranked(Event(kind=4, object="box", other="x")),
             "INVALID_REQUEST",
             "score[0].other is neither",
         ),

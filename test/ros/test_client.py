@@ -41,18 +41,20 @@ from unc_physics.checks.errors import (
     PredictionTimeoutError,
     UnknownModelError,
 )
+from unc_physics.prediction.events import encounters, moving_names
 from unc_physics.ros import Client, environment, make_message, object_state, poses_of, prediction_request
+from unc_physics.ros.messages.events import object_events
 from unc_physics_msgs.msg import BoxRegion as BoxRegionMessage
 from unc_physics_msgs.msg import (
     Candidate,
+    Event,
     Material,
     ModelInfo,
     ObjectState,
     Physics,
     PredictionRequest,
-    Score,
 )
-from unc_physics_msgs.srv import ListModels, Predict
+from unc_physics_msgs.srv import GetCapabilities, Predict
 
 ROUND_OFF = 1e-9  # of the way to the models' origins and back, grown by contacts
 READY = 200.0  # s
@@ -144,7 +146,12 @@ def test_an_answer_has_the_library_s_poses_and_covariances(asked, name, options)
     )
     found = asked.predict(request)
     expected = predict(
-        scene, belief, make_propagator(name, **options), 0.4, times=[0.25], events=[Upright("mug")]
+        scene,
+        belief,
+        make_propagator(name, **options),
+        0.4,
+        times=[0.25],
+        events=[*encounters(scene), *object_events(moving_names(scene))],
     )
     assert (found.propagator, found.rollouts) == (name, 300 if options else len(expected.at().points))
     for body, (poses, covariances) in poses_of(found).items():
@@ -158,7 +165,8 @@ def test_an_answer_has_the_library_s_poses_and_covariances(asked, name, options)
             T[6:9, 6:9] = Rotation.from_quat(poses[k, 3:]).as_matrix()
             C = T @ wanted.covariance("error_state") @ T.T
             np.testing.assert_allclose(np.reshape(own.states[k].covariance, (12, 12)), C, atol=ROUND_OFF)
-    upright, wanted = found.objects[1].upright, expected.probability(Upright("mug"))
+    (upright,) = (one for one in found.events if (one.kind, one.object) == (Event.UPRIGHT, "mug"))
+    wanted = expected.probability(Upright("mug"))
     assert (upright.probability, upright.low, upright.high) == pytest.approx(
         (wanted.estimate, wanted.low, wanted.high)
     )
@@ -166,9 +174,9 @@ def test_an_answer_has_the_library_s_poses_and_covariances(asked, name, options)
 
 REGION = make_message(BoxRegionMessage, id="above", size=(0.4, 0.4, 0.4), pose=(0, 0, 0.2))
 ABOVE = InRegion("box", BoxRegion("above", (0.4, 0.4, 0.4), (0, 0, 0.2)))
-IN_REGION = Score(quantity=Score.IN_REGION, object="box", other="above")
-ON_FLOOR = Score(quantity=Score.TOUCHES, object="box", other="floor", smallest_first=True)
-OFF_SHELF = Score(quantity=Score.FELL_OFF, object="box", other="shelf", smallest_first=True)
+IN_REGION = Event(kind=Event.IN_REGION, object="box", other="above")
+ON_FLOOR = Event(kind=Event.TOUCHES, object="box", other="floor", negated=True)
+OFF_SHELF = Event(kind=Event.FELL_OFF, object="box", other="shelf", negated=True)
 
 
 def box_at(x, **fields):
@@ -212,10 +220,10 @@ def test_a_ranking_is_the_library_s(asked, score, event):
         assert (entry.candidate, entry.prediction.rollouts) == (action.name, action.rollouts)
         assert (entry.tied, entry.clearly_worse) == (action.tied, action.clearly_worse)
         assert entry.margin == (0.0 if action.margin is None else pytest.approx(action.margin))
-        found, wanted = entry.score, action.score
+        wanted = action.score
         wanted = (wanted.estimate, wanted.low, wanted.high)
         wanted = (1.0 - wanted[0], 1.0 - wanted[2], 1.0 - wanted[1]) if opposite else wanted
-        assert (found.probability, found.low, found.high) == pytest.approx(wanted, abs=1e-12)
+        assert (entry.score, entry.score_low, entry.score_high) == pytest.approx(wanted, abs=1e-12)
         difference = action.difference.value * (-1 if opposite else 1)
         assert entry.difference == pytest.approx(difference)
 
@@ -225,10 +233,14 @@ def test_messages_are_made_of_numbers():
     assert physics.has_friction and physics.friction == 0.4 and not physics.has_restitution
     assert physics.has_gravity and (physics.gravity.z, physics.stiffness_std) == (-1.0, 3.0)
     known = object_state("can", "can", (1, 2, 3), [1, 2, 3, 4, 5, 6], twist=range(6), kind=ObjectState.FIXED)
-    assert known.pose.position.y == 2.0 and known.pose.orientation.w == 1.0
-    assert np.reshape(known.belief.pose_covariance, (6, 6)).diagonal().tolist() == [1, 2, 3, 4, 5, 6]
-    assert known.belief.twist_covariance[0] == -1.0, "unknown"
-    assert (known.twist.linear.z, known.twist.angular.x, known.kind) == (2.0, 3.0, ObjectState.FIXED)
+    assert known.pose.pose.position.y == 2.0 and known.pose.pose.orientation.w == 1.0
+    assert np.reshape(known.pose.covariance, (6, 6)).diagonal().tolist() == [1, 2, 3, 4, 5, 6]
+    assert known.twist.covariance[0] == -1.0, "unknown"
+    assert (known.twist.twist.linear.z, known.twist.twist.angular.x, known.kind) == (
+        2.0,
+        3.0,
+        ObjectState.FIXED,
+    )
     request = prediction_request(
         [known], 1.25, times=[0.5], propagator_options={"runs": 64}, time_budget=0.125
     )
@@ -237,7 +249,7 @@ def test_messages_are_made_of_numbers():
         250_000_000,
         125_000_000,
     )
-    assert request.wait_for_compilation and request.times[0].nanosec == 500_000_000
+    assert request.times[0].nanosec == 500_000_000
     assert [(pair.key, pair.value) for pair in request.propagator_options] == [("runs", "64")]
     assert not request.scene.environment.complete and environment().complete
     region = make_message(BoxRegionMessage, id="bin", size=(1, 2, 3), pose=Pose())
@@ -252,7 +264,7 @@ def test_messages_are_made_of_numbers():
             "^fricton is no field of Physics; did you mean 'friction'",
         ),
         (lambda: object_state("a", "can", (1, 2)), r"^pose must .*\(3,\)"),
-        (lambda: object_state("a", "can", (1, 2, 3), np.eye(5)), r"^pose_covariance must .*36"),
+        (lambda: object_state("a", "can", (1, 2, 3), np.eye(5)), r"^covariance must .*36"),
         (lambda: object_state("a", "can", (1, 2, 3), mass="1 kg"), "^mass must be a number"),
         (lambda: object_state(3, "can", (1, 2, 3)), "^id must be a str"),
         (lambda: prediction_request([], "soon"), "^horizon must be a number"),
@@ -283,7 +295,7 @@ def can(**others):
         (
             prediction_request([object_state("x", "can", (0, 0, 0), [1, 1, -2, 1, 1, 1])], 1.0),
             InvalidCovarianceError,
-            "scene.objects[0].belief.pose_covariance",
+            "scene.objects[0].pose.covariance",
             "has a negative variance",
         ),
     ],
@@ -342,7 +354,10 @@ def test_models_are_loaded_and_listed(asked, tmp_path):
 def test_a_node_that_is_not_there_is_named():
     with Client(server="/nobody", timeout=0.3) as client:
         for call in (client.models, client.capabilities, client.fork, client.reset):
-            with pytest.raises(NotActiveError, match="/nobody/[a-z_]+ is offered by no node; start one"):
+            with pytest.raises(
+                NotActiveError,
+                match="/nobody/(models has no message|[a-z_]+ is offered by no node; start one)",
+            ):
                 call()
         with pytest.raises(NotActiveError, match="/nobody/tracked has no message; start the node with track"):
             client.tracked()
@@ -469,14 +484,14 @@ def test_a_node_that_leaves_during_a_call_is_not_waited_for():
         leaving.destroy_node()
         raise RuntimeError("left")  # so that no answer is sent
 
-    leaving.create_service(ListModels, "~/list_models", leave)
+    leaving.create_service(GetCapabilities, "~/get_capabilities", leave)
     thread = threading.Thread(target=lambda: pytest.raises(RuntimeError, executor.spin))
     thread.start()
     with (
         Client(server="/leaving", timeout=READY) as client,
-        pytest.raises(NotActiveError, match="/leaving/list_models ended before it answered"),
+        pytest.raises(NotActiveError, match="/leaving/get_capabilities ended before it answered"),
     ):
-        client.models()
+        client.capabilities()
     assert asked.is_set()
     executor.shutdown()
     thread.join()

@@ -83,7 +83,7 @@ def on_a_table(stds, unmeasured):
     can = moving_object("can", "can", (0.0, 0.0, 0.001), (0.0, 0.0, 0.0), spheres=0)
     P = np.diag(np.square(stds))
     P[unmeasured, unmeasured] = 9999.0
-    can.belief.pose_covariance = P.ravel()
+    can.pose.covariance = P.ravel()
     request = request_of(can, horizon=0.2, propagator="monte_carlo", samples=64, seed=1)
     table = EnvironmentElement(id="table", plane=Plane(coef=np.array([0.0, 0.0, 1.0, 0.0])))
     request.scene.environment.elements = [table]

@@ -29,7 +29,7 @@ from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.models import ShapePacker
 from unc_physics.ros.parameters import Settings
 from unc_physics.scene.environment import Capsule, Cylinder, Sphere
-from unc_physics_msgs.msg import BoxRegion, ContactProbability, Environment, EnvironmentElement
+from unc_physics_msgs.msg import BoxRegion, Environment, EnvironmentElement, Event
 
 FLOOR = 0.2  # m, height
 SAMPLES = 200
@@ -49,7 +49,7 @@ def floor_as(kind):
 def falling_brick(name="brick", height=0.15, x=0.0):
     """A brick above the floor."""
     message = moving_object(name, "brick", (x, 0.0, FLOOR + height), (0.0, 0.0, 0.0), spheres=50)
-    message.belief.pose_covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
+    message.pose.covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
     return message
 
 
@@ -78,29 +78,31 @@ def test_probabilities_of_contact_region_and_rest(predict):
     )
     assert_answered(response)
     found = response.prediction
-    contacts = {(answer.object_a, answer.object_b): answer for answer in found.contact_probabilities}
-    regions = {(answer.region, answer.object): answer for answer in found.region_probabilities}
-    both, anything = ("near", "far"), ContactProbability.ENVIRONMENT
+    contacts, regions = (
+        {(answer.object, answer.other): answer for answer in found.events if answer.kind == kind}
+        for kind in (Event.TOUCHES, Event.IN_REGION)
+    )
+    both, anything = ("near", "far"), Event.ENVIRONMENT
     for answers, expected in (
         (contacts, {("near", "far"): 0.0} | dict.fromkeys(product(both, ("floor", anything)), 1.0)),
-        (regions, dict.fromkeys(product(("inside", "away"), both), 0.0) | {("inside", "near"): 1.0}),
+        (regions, dict.fromkeys(product(both, ("inside", "away")), 0.0) | {("near", "inside"): 1.0}),
     ):
-        assert {pair: answer.probability.probability for pair, answer in answers.items()} == expected
-        for answer in answers.values():
-            own = answer.probability
-            assert own.available and own.low <= own.probability <= own.high < own.low + 0.1
-            assert seconds(answer.time_from_start) == pytest.approx(0.6)
+        assert {pair: answer.probability for pair, answer in answers.items()} == expected
+        for own in answers.values():
+            assert own.low <= own.probability <= own.high < own.low + 0.1
+            assert seconds(own.time_from_start) == pytest.approx(0.6)
     brick = load_model("brick").prefix(50)
     lowest = (brick.centers[:, 2] - brick.radii).min() - brick.origin[2]
     for (_, other), answer in contacts.items():
-        assert answer.first_contact_time_available == (other != "far")
+        assert answer.has_first_contact_time == (other != "far")
         if other != "far":
             expected = np.sqrt(2.0 * (0.15 + lowest) / 9.81)
-            assert seconds(answer.first_contact_time_mean) == pytest.approx(expected, abs=0.01)
+            assert seconds(answer.first_contact_time) == pytest.approx(expected, abs=0.01)
             assert 0.0 < seconds(answer.first_contact_time_std) < 0.02
-    for predicted in found.objects:
-        assert predicted.at_rest.available and predicted.fell_off.available
-        assert predicted.upright.available and predicted.upright.probability == 1.0
+    assert {(own.object, own.kind) for own in found.events if own.kind > Event.TOUCHES} == set(
+        product(both, (Event.AT_REST, Event.UPRIGHT, Event.FELL_OFF))
+    )
+    assert all(own.probability == 1.0 for own in found.events if own.kind == Event.UPRIGHT)
 
 
 def solids_of(*elements):

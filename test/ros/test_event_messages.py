@@ -1,18 +1,15 @@
-"""Events in messages: each class has its constant and field."""
+"""Events in messages: each class has its constant."""
 
 from unc_physics import AtRest, FellOff, Upright
 from unc_physics.prediction.events import EVENTS
-from unc_physics.ros.messages.events import EVENT_MESSAGES, object_events
-from unc_physics_msgs.msg import PredictedObject, Score
+from unc_physics.ros.messages.events import EVENT_ROWS, object_events
+from unc_physics_msgs.msg import Event
 
 
-def test_constants_and_fields_have_the_keys_of_files():
-    assert set(EVENT_MESSAGES) == set(EVENTS.values())
-    fields = PredictedObject.get_fields_and_field_types()
+def test_constants_have_the_keys_of_the_command_line():
+    assert set(EVENT_ROWS) == set(EVENTS.values())
     for key, kind in EVENTS.items():
-        row = EVENT_MESSAGES[kind]
-        assert row.quantity == getattr(Score, key.upper())
-        assert row.probability in ("", key) and (row.probability == key) == (key in fields)
+        assert EVENT_ROWS[kind].kind == getattr(Event, key.upper())
 
 
 def test_the_events_of_an_object_need_nothing_else():

@@ -22,11 +22,10 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from unc_physics.checks.errors import ErrorCode
 from unc_physics_msgs.msg import (
     Action,
-    AppliedWrench,
-    Attachment,
     BoxRegion,
     EnvironmentElement,
     JointCovariance,
+    MaterialPair,
     ObjectState,
     Prediction,
     PredictionRequest,
@@ -37,10 +36,13 @@ OBJECT = "scene.objects[]"
 POSE, TWIST, START = "objects[].states[].pose", "objects[].states[].twist", "objects[].start"
 #: Documented as ignored.
 IGNORED = {"scene.joint_covariance.time_from_start"}
-#: Fields of earlier versions, which must be unset.
-REMOVED = {"physics.islands", "return_center_of_mass"}
-#: Tested in test_node_environment.py and test_stack.py, as they depend on the node's environment and kernels.
-OF_THE_NODE = {"scene.environment.complete", "wait_for_compilation"}
+#: Tested in test_node_environment.py, as it depends on the node's environment.
+OF_THE_NODE = {"scene.environment.complete"}
+
+
+#: A pair has exactly known quantities; refused, see test_bad_requests.py.
+UNSET_OF_A_PAIR = "name", "friction_std", "restitution_std"
+UNSET_IN_PAIRS = {f"scene.pairs[].material.{name}" for name in UNSET_OF_A_PAIR}
 
 
 def base():
@@ -48,8 +50,8 @@ def base():
     brick = moving_object("brick", "brick", (0.0, 0.0, 0.05), (0.4, 0.0, 0.0), spheres=40)
     can = moving_object("can", "can", (0.0, 0.0, 0.2), (0.0, 0.0, -0.5), spheres=40)
     for message in (brick, can):
-        message.belief.pose_covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
-        message.twist.angular.z = 0.5
+        message.pose.covariance = diagonal(*[0.005] * 3, *[0.02] * 3)
+        message.twist.twist.angular.z = 0.5
     request = request_of(
         brick, can, horizon=0.4, seed=5, return_probabilities=True, propagator="sigma_points"
     )
@@ -60,10 +62,6 @@ def base():
 
 def first(request):
     return request.scene.objects[0]
-
-
-def belief(request):
-    return first(request).belief
 
 
 def floor(request):
@@ -126,13 +124,21 @@ def physics(**values):
 
 
 def at_rest(request):
-    first(request).twist.linear.x = first(request).twist.angular.z = 0.0
-    first(request).pose.position.z = 0.001
+    first(request).twist.twist.linear.x = first(request).twist.twist.angular.z = 0.0
+    first(request).pose.pose.position.z = 0.001
     request.scene.objects.pop()
 
 
 def material(find, **values):
     return lambda request: setattr(find(request), "material", material_of(**values))
+
+
+def rolls(request):
+    """A ball rolls on the floor."""
+    first(request).model, first(request).pose.pose.position.z = "", 0.05
+    first(request).primitive = SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[0.05])
+    first(request).twist.twist.angular.y, first(request).twist.twist.angular.z = 8.0, 0.0
+    request.scene.objects.pop()
 
 
 def sampled(request):
@@ -178,22 +184,36 @@ def prescribed(request, position=(0.0, 0.0, 0.3)):
 def held(request):
     """The brick is held by the can until it is let go."""
     prescribed(request)
-    hold = Attachment(attached_to="can", has_released_at=True, released_at=Duration(nanosec=200_000_000))
-    request.actions.append(Action(type=Action.ATTACHMENT, object="brick", attachment=hold))
+    until = Duration(nanosec=200_000_000)
+    request.actions.append(Action(type=Action.ATTACHMENT, object="brick", attached_to="can", duration=until))
 
 
 def pushed(request):
     force = Wrench(force=Vector3(x=3.0))
-    push = AppliedWrench(wrench=force, duration=Duration(nanosec=100_000_000))
-    request.actions = [Action(type=Action.WRENCH, object="brick", wrench=push)]
+    time = Duration(nanosec=100_000_000)
+    request.actions = [Action(type=Action.WRENCH, object="brick", wrench=force, duration=time)]
 
 
-def wrench(request):
-    return request.actions[0].wrench
+def action(request):
+    return request.actions[0]
 
 
 def attachment(request):
-    return request.actions[1].attachment
+    return request.actions[1]
+
+
+def pair(request):
+    return request.scene.pairs[0]
+
+
+def with_pair(request):
+    slippery = material_of(friction=0.02)
+    request.scene.pairs = [MaterialPair(object_a="brick", object_b="floor", material=slippery)]
+
+
+def with_can_and_pair(request):
+    with_pair(request)
+    request.scene.pairs[0].object_a = "can"
 
 
 def add_post(request):
@@ -218,8 +238,8 @@ EFFECTS = {
     f"{OBJECT}.scale": (set_to(first, scale=1.2), POSE),
     f"{OBJECT}.spheres": (set_to(first, spheres=20), POSE, explicit),
     f"{OBJECT}.mass": (set_to(first, mass=5.0), POSE),
-    f"{OBJECT}.belief.mass_std": (set_to(belief, mass_std=0.3), "rollouts"),
-    f"{OBJECT}.belief.center_of_mass_std": (set_to(belief, center_of_mass_std=Vector3(x=0.01)), POSE),
+    f"{OBJECT}.mass_std": (set_to(first, mass_std=0.3), "rollouts"),
+    f"{OBJECT}.center_of_mass_std": (set_to(first, center_of_mass_std=Vector3(x=0.01)), POSE),
     f"{OBJECT}.inertia": (set_to(first, inertia=1e-2 * np.eye(3).ravel()), POSE),
     f"{OBJECT}.drag": (set_to(first, drag=1.0), POSE),
     f"{OBJECT}.material.name": (material(first, name="rubber"), POSE),
@@ -236,11 +256,9 @@ EFFECTS = {
         "rollouts",
         material(first, restitution=0.5),
     ),
-    f"{OBJECT}.pose": (lambda request: setattr(first(request).pose.position, "y", 0.3), START),
-    f"{OBJECT}.twist": (lambda request: setattr(first(request).twist.linear, "y", 0.3), POSE),
-    f"{OBJECT}.belief.covariance": (set_to(belief, covariance=packed(4e-6 * np.eye(12))), START),
-    f"{OBJECT}.belief.pose_covariance": (set_to(belief, pose_covariance=diagonal(*[0.01] * 6)), START),
-    f"{OBJECT}.belief.twist_covariance": (set_to(belief, twist_covariance=diagonal(*[0.01] * 6)), TWIST),
+    f"{OBJECT}.pose": (lambda request: setattr(first(request).pose.pose.position, "y", 0.3), START),
+    f"{OBJECT}.twist": (lambda request: setattr(first(request).twist.twist.linear, "y", 0.3), POSE),
+    f"{OBJECT}.covariance": (set_to(first, covariance=packed(4e-6 * np.eye(12))), START),
     f"{OBJECT}.at_rest": (set_to(first, at_rest=True), START, at_rest),
     "actions[].type": (pushed, POSE),
     "actions[].object": (lambda request: act_on(request, "can"), POSE, pushed),
@@ -250,30 +268,44 @@ EFFECTS = {
         "rollouts",
         prescribed,
     ),
-    "actions[].attachment.attached_to": (
+    "actions[].attached_to": (
         set_to(attachment, attached_to="post"),
         POSE,
         lambda request: (held(request), add_post(request)),
     ),
-    "actions[].attachment.attached_at": (set_to(attachment, attached_at=TENTH), POSE, held),
-    "actions[].attachment.has_released_at": (
-        set_to(attachment, has_released_at=False, released_at=Duration()),
-        POSE,
-        held,
-    ),
-    "actions[].attachment.released_at": (set_to(attachment, released_at=TENTH), POSE, held),
-    "actions[].attachment.released_at_std": (set_to(attachment, released_at_std=TENTH), "rollouts", held),
-    "actions[].wrench.wrench": (set_to(lambda request: wrench(request).wrench.torque, z=0.3), POSE, pushed),
-    "actions[].wrench.body_axes": (set_to(wrench, body_axes=True), POSE, pushed),
-    "actions[].wrench.start": (set_to(wrench, start=TENTH), POSE, pushed),
-    "actions[].wrench.duration": (set_to(wrench, duration=Duration()), POSE, pushed),
+    "actions[].start": (set_to(attachment, start=TENTH), POSE, held),
+    "actions[].duration": (set_to(attachment, duration=TENTH), POSE, held),
+    "actions[].release_std": (set_to(attachment, release_std=TENTH), "rollouts", held),
+    "actions[].wrench": (set_to(lambda request: action(request).wrench.torque, z=0.3), POSE, pushed),
+    "actions[].body_axes": (set_to(action, body_axes=True), POSE, pushed),
+    "scene.pairs[].object_a": (set_to(pair, object_a="can"), POSE, with_pair),
+    "scene.pairs[].object_b": (set_to(pair, object_b="brick"), POSE, with_can_and_pair),
+    **{
+        f"scene.pairs[].material.{name}": (
+            lambda request, name=name, value=value: (
+                with_pair(request),
+                setattr(pair(request), "material", material_of(**{name: value})),
+            ),
+            POSE,
+            rolls if name == "rolling_friction" else itself,
+        )
+        for name, value in {
+            "friction": 0.02,
+            "restitution": 0.9,
+            "torsional_friction": 0.02,
+            "rolling_friction": 0.01,
+        }.items()
+    },
+    f"{OBJECT}.material.rolling_friction": (material(first, rolling_friction=0.02), POSE, rolls),
+    f"{FLOOR}.material.rolling_friction": (material(floor, rolling_friction=0.02), POSE, rolls),
+    "physics.rolling_friction": (physics(rolling_friction=0.02), POSE, rolls),
     f"{OBJECT}.material.torsional_friction": (material(first, torsional_friction=0.02), POSE),
     f"{FLOOR}.material.torsional_friction": (material(floor, torsional_friction=0.02), POSE),
     f"{FLOOR}.surface_velocity": (
         lambda request: setattr(floor(request).surface_velocity.linear, "y", 0.3),
         POSE,
     ),
-    f"{FLOOR}.id": (set_to(floor, id="table"), "contact_probabilities[].object_b"),
+    f"{FLOOR}.id": (set_to(floor, id="table"), "events[].other"),
     f"{FLOOR}.pose": (set_to(floor, pose=ROTATED), POSE),
     f"{FLOOR}.plane": (set_to(floor, plane=Plane(coef=[0.0, 0.0, 1.0, 0.02])), POSE),
     f"{FLOOR}.primitive": (as_box, POSE),
@@ -363,25 +395,25 @@ EFFECTS = {
         "skipped",
         lambda request: request.scene.objects.append(moving_object("x", "teapot", (5.0, 0.0, 0.0))),
     ),
-    "regions[].id": (set_to(region, id="shelf"), "region_probabilities[].region", with_region),
+    "regions[].id": (set_to(region, id="shelf"), "events[].other", with_region),
     "regions[].pose": (
         lambda request: setattr(region(request).pose.position, "x", 9.0),
-        "region_probabilities[].probability.probability",
+        "events[].probability",
         with_region,
     ),
     "regions[].size": (
         set_to(region, size=Vector3(x=0.001, y=0.001, z=0.001)),
-        "region_probabilities[].probability.probability",
+        "events[].probability",
         with_region,
     ),
-    "return_probabilities": (set_to(itself, return_probabilities=False), "contact_probabilities[].object_a"),
+    "return_probabilities": (set_to(itself, return_probabilities=False), "events[].object"),
     f"{FLOOR}.surface_tilt_std": (set_to(floor, surface_tilt_std=0.02), "rollouts"),
     "physics.impact_direction_std": (physics(impact_direction_std=0.05), POSE, sampled),
     "physics.impact_point_std": (physics(impact_point_std=0.003), POSE, sampled),
     "physics.impact_friction_std": (physics(impact_friction_std=0.2), POSE, sampled),
     "return_covariance": (set_to(itself, return_covariance=True), "objects[].states[].covariance"),
     "return_joint_covariance": (set_to(itself, return_joint_covariance=True), "joint_covariances[].data"),
-    "return_modes": (set_to(itself, return_modes=True), "objects[].states[].modes[].weight"),
+    "return_modes": (set_to(itself, return_modes=True), "objects[].states[].mode_weights"),
     "return_samples": (set_to(itself, return_samples=3), "objects[].states[].pose_samples"),
 }
 
@@ -391,7 +423,7 @@ def test_every_field_of_a_request_is_accounted_for():
     found = set(paths(PredictionRequest))
     assert {path for path in found if not is_flag(path)} == {
         path for path in EFFECTS if not is_flag(path)
-    } | IGNORED | OF_THE_NODE | REMOVED
+    } | IGNORED | OF_THE_NODE | UNSET_IN_PAIRS
 
 
 def is_flag(path):
@@ -442,33 +474,34 @@ def flat(value):
 
 
 #: Fields of an answer that stay empty or zero in this version.
-NOT_FILLED = {"physics.has_islands", "physics.islands", "physics.preset"}
+NOT_FILLED = {"physics.preset", "events[].negated", *(f"pairs[].material.{name}" for name in UNSET_OF_A_PAIR)}
 
 
 def rich_requests():
     """Requests whose answers together fill all fields."""
     asked = base()
     with_region(asked)
-    place = asked.scene.objects[0].pose.position  # beside the can, and high enough to fall
+    place = asked.scene.objects[0].pose.pose.position  # beside the can, and high enough to fall
     place.x, place.z = 0.3, 0.35
     with_physics(asked, friction_std=0.1, restitution_std=0.05, damping=0.1, gravity_direction_std=0.01)
     with_physics(asked, impact_direction_std=0.01, impact_point_std=1e-3, impact_friction_std=0.1)
     asked.scene.header.stamp.sec = 3
+    asked.scene.objects[0].material = material_of(torsional_friction=0.004)
     asked.scene.objects.append(moving_object("x", "teapot", (5.0, 0.0, 0.0)))
     asked.scene.objects[1].kind = ObjectState.FIXED
     asked.trajectory_period, asked.horizon = Duration(nanosec=200_000_000), Duration(sec=1)
     asked.skip_invalid_objects = asked.return_covariance = asked.return_joint_covariance = True
     asked.return_modes, asked.return_samples = True, 2
     overlapping = base()
-    overlapping.scene.objects[0].pose.position.z = -0.03
-    overlapping.scene.objects[1].pose.position.z = -0.02
+    overlapping.scene.objects[0].pose.pose.position.z = -0.03
+    overlapping.scene.objects[1].pose.pose.position.z = -0.02
     overlapping.scene.objects[1].kind = ObjectState.FIXED
     for message in overlapping.scene.objects:
-        message.belief.pose_covariance = diagonal(*[1e-3] * 6)
+        message.pose.covariance = diagonal(*[1e-3] * 6)
     sunk = base()  # deeper in the floor than its belief says, so that it is moved out
     sunk.scene.objects.pop()
-    sunk.scene.objects[0].pose.position.z = -0.013
-    sunk.scene.objects[0].belief.pose_covariance = diagonal(*[2e-3] * 6)
+    sunk.scene.objects[0].pose.pose.position.z = -0.013
+    sunk.scene.objects[0].pose.covariance = diagonal(*[2e-3] * 6)
     sunk.propagator, sunk.samples = "cloud", 50
     stiff = with_physics(explicit(base()), stiffness=1e9, stiffness_std=1e7)
     return asked, overlapping, sunk, stiff
@@ -483,7 +516,7 @@ def test_every_field_of_an_answer_is_filled(predict):
         for path in paths(Prediction)
         if not any(any(flat(value)) for answer in answers for value in values_at(answer.prediction, path))
     }
-    assert empty == NOT_FILLED | {path for path in paths(Prediction) if "center_of_mass" in path}
+    assert empty == NOT_FILLED
 
 
 def test_an_answer_s_physics_may_be_sent_back(predict, plain):

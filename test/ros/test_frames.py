@@ -66,21 +66,21 @@ def frames(monkeypatch):
 def test_poses_velocities_and_covariances_are_turned(frames):
     message = moving_object(position=(0.1, 0.2, 0.3), velocity=(1.0, 2.0, 3.0))
     rotation = Rotation.from_rotvec([1.0, 0.2, 0.1])
-    q = message.pose.orientation
+    q = message.pose.pose.orientation
     q.x, q.y, q.z, q.w = rotation.as_quat()
     factor = np.random.default_rng(1).normal(size=(6, 6))
-    message.belief.pose_covariance = (factor @ factor.T).ravel()
-    message.belief.twist_covariance[0] = -1.0
+    message.pose.covariance = (factor @ factor.T).ravel()
+    message.twist.covariance[0] = -1.0
     seen = frames.to_world(Header(frame_id="camera")).object(message)
     assert position_of(message.pose).tolist() == [0.1, 0.2, 0.3]
     assert np.allclose(position_of(seen.pose), TURN.apply([0.1, 0.2, 0.3]) + SHIFT)
     assert (Rotation.from_quat(orientation_of(seen.pose)).inv() * TURN * rotation).magnitude() < 1e-12
-    v = seen.twist.linear
+    v = seen.twist.twist.linear
     assert np.allclose([v.x, v.y, v.z], TURN.apply([1.0, 2.0, 3.0]))
     A = np.kron(np.eye(2), TURN.as_matrix())
     expected = A @ factor @ factor.T @ A.T
-    np.testing.assert_allclose(np.reshape(seen.belief.pose_covariance, (6, 6)), expected, atol=1e-12)
-    assert seen.belief.twist_covariance[0] == -1.0
+    np.testing.assert_allclose(np.reshape(seen.pose.covariance, (6, 6)), expected, atol=1e-12)
+    assert seen.twist.covariance[0] == -1.0
 
 
 def test_a_plane_and_a_box_stay_where_they_are(frames):
@@ -126,8 +126,8 @@ def test_a_frame_without_transform(frames):
 def test_errors_quote_what_was_sent_in_its_own_frame(frames):
     request = good_request()
     request.scene.header.frame_id = "camera"
-    request.scene.objects[1].pose.orientation.x = 0.5
-    request.scene.objects[1].pose.orientation.w = 0.0
+    request.scene.objects[1].pose.pose.orientation.x = 0.5
+    request.scene.objects[1].pose.pose.orientation.w = 0.0
     with pytest.raises(InvalidOrientationError) as error:
         read_request(request, Settings(), ModelLibrary(), frames)
     assert str(as_sent(error.value, request)).endswith("the order is x, y, z, w (got (0.5, 0.0, 0.0, 0.0))")
@@ -169,7 +169,7 @@ def test_whole_and_joint_covariances_turn_with_their_frame(frames):
     factor = SMALL * rng.normal(size=(24, 24))
     C = factor @ factor.T
     message = moving_object()
-    message.belief.covariance = packed(C[:12, :12])
+    message.covariance = packed(C[:12, :12])
     joint = JointCovariance(object_ids=["left", "right"], data=packed(C))
     transform = frames.to_world(Header(frame_id="camera"))
     A = np.kron(np.eye(8), TURN.as_matrix())
@@ -178,10 +178,7 @@ def test_whole_and_joint_covariances_turn_with_their_frame(frames):
         np.reshape(transform.joint_covariance(joint).data, (24, 24)), expected, rtol=1e-12, atol=1e-18
     )
     assert np.allclose(
-        np.reshape(transform.object(message).belief.covariance, (12, 12)),
-        expected[:12, :12],
-        rtol=1e-12,
-        atol=1e-18,
+        np.reshape(transform.object(message).covariance, (12, 12)), expected[:12, :12], rtol=1e-12, atol=1e-18
     )
-    message.belief.covariance = packed(np.ones(7))  # which the reader refuses
-    assert len(transform.object(message).belief.covariance) == 7
+    message.covariance = packed(np.ones(7))  # which the reader refuses
+    assert len(transform.object(message).covariance) == 7

@@ -30,7 +30,7 @@ def test_the_node_goes_through_its_life(client):
     def state():
         return client.call(GetState, "/cycle/get_state", GetState.Request()).current_state.id
 
-    with LifecycleProcess(track=True, observed_objects=["can"], observed_models=["can"]) as process:
+    with LifecycleProcess(track=True, observed_objects=["can"]) as process:
         assert state() == State.PRIMARY_STATE_UNCONFIGURED
         assert not change(Transition.TRANSITION_ACTIVATE)  # which fails, and is answered
         assert change(Transition.TRANSITION_CONFIGURE)

@@ -13,7 +13,7 @@ from scenes import assert_answered, assert_same, good_request, numbers_of
 from soak import memory
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.ros.messages.fields import seconds
+from unc_physics.ros.messages.fields import duration, seconds
 from unc_physics_msgs.action import PredictLong
 
 
@@ -71,13 +71,16 @@ def test_cancel_keeps_what_was_done_and_the_service_answers_meanwhile(send, clie
     assert seconds(feedback[-1].elapsed) > 0.0
 
 
-def test_a_goal_ends_at_the_node_s_limit():
-    with NodeProcess(max_long_computation_time=2.0, name="limited"), Client() as client:
+def test_a_goal_ends_at_its_own_limit_and_not_at_that_of_services():
+    with NodeProcess(max_computation_time=0.1, name="limited"), Client() as client:
         action = ActionClient(client.node, PredictLong, "/limited/predict_long")
         assert action.wait_for_server(READY_TIMEOUT)
-        handle = client.of_action(lambda: action.send_goal_async(endless()))
+        goal = endless()
+        goal.request.max_computation_time = duration(2.0)
+        handle = client.of_action(lambda: action.send_goal_async(goal))
         answer = client.of_action(handle.get_result_async)
         action.destroy()
+    assert seconds(answer.result.prediction.computation_time) > 0.5
     assert answer.result.result.error_code == ErrorCode.TIMEOUT
     assert seconds(answer.result.prediction.time_reached) < 60.0
 

@@ -16,7 +16,7 @@ from unc_physics.checks.errors import ErrorCode, UnknownModelError
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.shapes.library import find_model
 from unc_physics_msgs.msg import ModelInfo, ModelList
-from unc_physics_msgs.srv import GetCapabilities, ListModels, LoadModel
+from unc_physics_msgs.srv import GetCapabilities, LoadModel
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -37,8 +37,8 @@ def load(node, client):
 @pytest.fixture
 def listed(node, client):
     def names():
-        response = client.call(ListModels, "/models/list_models", ListModels.Request())
-        return {model.name: model for model in response.models}
+        with Inbox(client, ModelList, "/models/models", LATCHED) as inbox:
+            return {model.name: model for model in inbox.next().models}
 
     return names
 
@@ -110,13 +110,12 @@ def test_capabilities(node, client):
     for info in response.propagators:
         assert info.description and info.uncertainty
         options = PROPAGATORS[info.name].options()
-        assert {option.name: option.default_value for option in info.options} == {
-            name: str(default) for name, default in options.items()
-        }
-        assert all(option.type and option.description for option in info.options)
+        assert [option.key for option in info.options] == list(options)
+        for option, default in zip(info.options, options.values(), strict=True):
+            assert re.fullmatch(rf"[a-z].*, default {re.escape(str(default))}: .+", option.value)
         assert tuple(info.integrators) == PROPAGATORS[info.name].integrators
     assert response.default_propagator in PROPAGATORS
-    assert (response.world_frame, response.max_objects) == ("world", 100)
+    assert (response.world_frame, response.max_objects) == ("world", 200)
     assert (response.max_horizon.sec, response.max_computation_time.sec) == (60, 30)
     assert response.physics.gravity.z == -9.81
     assert response.physics.stiffness == response.physics.STIFFNESS_AUTO
@@ -185,10 +184,9 @@ def test_services_tell_who_called_them(node, client):
         """The subscription may be discovered between a request's event and that of its response."""
         return event.info.event_type == event.info.REQUEST_RECEIVED
 
-    with Inbox(client, ListModels.Event, "/models/list_models/_service_event") as inbox:
-        event = inbox.answer(
-            lambda: client.call(ListModels, "/models/list_models", ListModels.Request()), is_request
-        )
+    kind, name = GetCapabilities, "/models/get_capabilities"
+    with Inbox(client, kind.Event, f"{name}/_service_event") as inbox:
+        event = inbox.answer(lambda: client.call(kind, name, kind.Request()), is_request)
         assert not event.request
 
 

@@ -20,7 +20,8 @@ from unc_physics_msgs.msg import Environment, EnvironmentElement, ObjectState, P
 from unc_physics_msgs.srv import SetEnvironment
 
 NODE = "placed"
-TOPICS = ["/seen/first", "/seen/second"]
+OBJECTS = ["first", "second"]
+TOPICS = [f"/{NODE}/observed/{name}" for name in OBJECTS]
 GRAVITY = 9.81  # m/s^2
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 AHEAD = Duration(seconds=1000)  # of stamps: no prediction is late, however slow the machine
@@ -31,11 +32,10 @@ ON_TABLE = 0.002  # m, height of a detected can that stands on the table
 @pytest.fixture(scope="module")
 def placed():
     parameters = {
-        "tracked_topics": TOPICS,
-        "tracked_models": ["can", "can"],
+        "observed_objects": [f"{name}=can" for name in OBJECTS],
         "max_input_age": 0.0,
         "max_input_lead": 0.0,
-        "stream_max_computation_time": 30.0,
+        "stream_time_budget": 30.0,
         "horizons": [0.5, 20.0],
     }
     with NodeProcess(name=NODE, **parameters) as process:
@@ -201,9 +201,9 @@ def test_elements_of_the_planning_scene_join_those_of_users():
 
 def detected(name, x=0.0, z=0.0, std=STD, model="can"):
     state = ObjectState(id=name, model=model)
-    state.pose.position.x, state.pose.position.z = x, z
-    state.belief.pose_covariance = diagonal(*[std] * 3, *[0.01] * 3)
-    state.belief.twist_covariance[0] = -1.0
+    state.pose.pose.position.x, state.pose.pose.position.z = x, z
+    state.pose.covariance = diagonal(*[std] * 3, *[0.01] * 3)
+    state.twist.covariance[0] = -1.0
     return state
 
 
@@ -241,8 +241,8 @@ def test_a_stack_stands_from_below(settle):
 
 def test_a_known_twist_says_otherwise(settle):
     thrown = detected("can", z=0.5)
-    thrown.twist.linear.x = 1.0
-    thrown.belief.twist_covariance = diagonal(*[0.1] * 6)
+    thrown.twist.twist.linear.x = 1.0
+    thrown.twist.covariance = diagonal(*[0.1] * 6)
     assert settle(thrown) == ({"can": False}, {})
 
 

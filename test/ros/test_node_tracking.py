@@ -14,14 +14,13 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Transform
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import SetParameters
 from rclpy.qos import qos_profile_sensor_data
 from running import READY_TIMEOUT, Client, Inbox, NodeProcess, wait_until
 from scenes import position_of
-from shape_msgs.msg import Plane, SolidPrimitive
+from shape_msgs.msg import SolidPrimitive
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
-from unc_physics import load_model
 from unc_physics.checks.errors import ErrorCode, InvalidRequestError
 from unc_physics.ros import Client as PythonClient
 from unc_physics.ros import make_message, poses_of
@@ -30,20 +29,18 @@ from unc_physics_msgs.msg import (
     Action,
     ActionArray,
     BoxRegion,
-    Environment,
-    EnvironmentElement,
+    Event,
     ObjectState,
     Prediction,
     PredictionRequest,
     TrackedObjects,
 )
-from unc_physics_msgs.srv import Fork, Reset, SetEnvironment
+from unc_physics_msgs.srv import Fork, Reset
 
 ROOT = Path(__file__).resolve().parents[2]
 G, PERIOD, STD, TURN_STD = 9.81, 1.0 / 30.0, 0.002, 0.02
 HORIZONS = [0.1, 0.4]
-MODELS = {"box": "salt_box", "left/1": "can", "right": "can", "dish": "plate", "ghost": "no_such_model"}
-UNKNOWN_MODEL = "model is unknown"
+MODELS = {"box": "salt_box", "left/1": "can", "right": "can", "dish": "plate"}
 
 
 @pytest.fixture(scope="module")
@@ -52,15 +49,13 @@ def node(tmp_path_factory):
     table.write_text("environment:\n  - name: table\n    plane: {normal: [0, 0, 1], offset: 0.0}\n")
     parameters = {
         "track": True,
-        "observed_objects": list(MODELS),
-        "observed_models": list(MODELS.values()),
+        "observed_objects": ["=".join(pair) for pair in MODELS.items()],
         "environment": str(table),
         "horizons": HORIZONS,
         "warm_up": [""],
         "max_input_age": 0.0,  # stamps do not depend on the machine
         "max_input_lead": 0.0,
         "tracked_rate": 0.01,
-        "tracking_members": 32,
         "exact": True,
     }
     with NodeProcess(name="tracker", **parameters) as process:
@@ -197,13 +192,12 @@ def test_bad_observations_are_left_out_alone(camera):
     bad = [
         camera.see(PERIOD, "box", (np.nan, 0.0, 0.5)),
         camera.see(PERIOD, "box", (0.0, 0.0, 0.5), q=(0.0, 0.0, 0.0, 0.0)),
-        camera.see(PERIOD, "ghost", (0.0, 0.0, 0.5)),
     ]
     camera.send(PERIOD, "box", (0.0, 0.0, 0.5), frame="nowhere")
     bad.append(camera.see_until_skipped(PERIOD, "box", (0.0, 0.0, 0.0)))
     reasons = [(own.key, own.value) for message in bad for own in message.skipped]
-    expected = ("pose.position must be finite", "pose.orientation", UNKNOWN_MODEL, "header.frame_id ")
-    assert [name for name, _ in reasons] == ["box", "box", "ghost", "box"]
+    expected = ("pose.position must be finite", "pose.orientation", "header.frame_id ")
+    assert [name for name, _ in reasons] == ["box"] * 3
     assert all(part in reason for part, (_, reason) in zip(expected, reasons, strict=True)), reasons
     assert "scene" not in reasons[-1][1] and "nowhere" in reasons[-1][1]
     (own,) = bad[-1].objects
@@ -245,7 +239,7 @@ def test_detections_are_tracked(camera, listener):
     messages = pytest.importorskip("vision_msgs.msg", reason="needs vision_msgs, which is not on PyPI")
     camera.begin()
     publisher = listener.node.create_publisher(
-        messages.Detection3DArray, "/tracker/observations", qos_profile_sensor_data
+        messages.Detection3DArray, "/tracker/detections", qos_profile_sensor_data
     )
     places = {
         ("can", ""): (0.0, -0.2, 0.0),
@@ -337,11 +331,15 @@ def test_a_fork_answers_what_if(camera, listener):
     x = [answer.prediction.objects[0].states[-1].pose.pose.position.x for answer in (alone, pushed, again)]
     assert abs(x[0]) < 0.005 and x[0] == x[2]  # the tracker has not changed
     assert x[1] == pytest.approx(PUSHED, abs=0.02)
-    inside = [answer.prediction.region_probabilities[0].probability.probability for answer in (alone, pushed)]
-    assert inside == [1.0, 0.0]
+    inside = [
+        [one.probability for one in answer.prediction.events if one.kind == Event.IN_REGION]
+        for answer in (alone, pushed)
+    ]
+    assert inside == [[1.0], [0.0]]
     touches = {
-        frozenset((entry.object_a, entry.object_b)): entry.probability.probability
-        for entry in pushed.prediction.contact_probabilities
+        frozenset((one.object, one.other)): one.probability
+        for one in pushed.prediction.events
+        if one.kind == Event.TOUCHES
     }
     assert touches[frozenset(("box", "hand"))] == 1.0
     assert [own.id for own in pushed.scene.objects] == ["box", "hand"] and len(pushed.actions) == 1
@@ -359,7 +357,7 @@ def act(publisher, message, fork):
 
 def test_what_the_robot_does_moves_what_it_pushes(camera, listener):
     stand(camera)
-    publisher = listener.node.create_publisher(ActionArray, "/tracker/actions", 10)
+    publisher = listener.node.create_publisher(ActionArray, "/tracker/robot_motion", 10)
     hand, action = push()
     message = ActionArray(objects=[hand], actions=[action])
     message.header.stamp = camera.stamp(5 * PERIOD)
@@ -369,7 +367,7 @@ def test_what_the_robot_does_moves_what_it_pushes(camera, listener):
     action.type = Action.WRENCH
     publisher.publish(message)
     (reason,) = camera.see_until_skipped(6 * PERIOD, "box", (0.0, 0.0, 0.0)).skipped
-    assert reason.key == "~/actions" and "trajectory" in reason.value.lower()
+    assert reason.key == "~/robot_motion" and "trajectory" in reason.value.lower()
 
 
 @pytest.fixture(scope="module")
@@ -403,7 +401,7 @@ def test_the_scene_of_a_fork_can_be_predicted_again(camera, listener, planner):
     hand, action = push("finger")
     hand.model, hand.scale = "", 0.5
     hand.primitive = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.48, 0.23, 0.14])
-    publisher = listener.node.create_publisher(ActionArray, "/tracker/actions", 10)
+    publisher = listener.node.create_publisher(ActionArray, "/tracker/robot_motion", 10)
     message = ActionArray(objects=[hand], actions=[action])
     message.header.stamp = camera.stamp(5 * PERIOD)
     act(publisher, message, planner.fork)
@@ -421,7 +419,6 @@ def test_the_scene_of_a_fork_can_be_predicted_again(camera, listener, planner):
         horizon=0.4,
         propagator="monte_carlo",
         samples=64,
-        wait_for_compilation=True,
     )
     again, forked = poses_of(planner.predict(request)), poses_of(answer.prediction)
     assert again["finger"][0] == pytest.approx(forked["finger"][0], abs=1e-6)
@@ -437,7 +434,6 @@ def test_the_example_follows_a_covered_can():
         "track": "true",
         "environment": ROOT / "examples" / "scenes" / "push_box.yaml",
         "observed_objects": "[can]",
-        "observed_models": "[can]",
         "max_input_age": 20.0,  # on a slow machine
         "warm_up": [""],
     }
@@ -458,45 +454,19 @@ def test_the_example_follows_a_covered_can():
 
 
 def test_the_start_warns_about_what_cannot_be_tracked(node):
-    assert "parameter observed_models: 'no_such_model' is unknown" in node.output
     assert "before the node's environment is set" not in node.output  # a file has set it
     parameters = {
         "track": "true",
-        "observed_objects": "[can, mug]",
-        "observed_models": "[catt, mug]",
+        "observed_objects": "[can, cup=mug]",
         "symmetric_models": "[cann]",
-        "symmetry_axes": "[z]",
         "warm_up": [""],
     }
     with NodeProcess(name="careless", **parameters) as process:
         before = process.output.partition("]: ready")[0]
-    assert "parameter observed_models: 'catt' is unknown" in before
-    assert "parameter symmetric_models: 'cann' is unknown" in before and "did you mean 'can'?" in before
+    assert "parameter symmetric_models: 'cann' is no model; did you mean 'can'?" in before
     assert "nothing is tracked before the node's environment is set" in before
-    assert "'mug'" not in before
     has_detections = importlib.util.find_spec("vision_msgs") is not None
     assert ("vision_msgs is not installed" in before) is not has_detections
-
-
-def test_an_object_that_becomes_invalid_is_dropped_with_its_reason(camera, listener):
-    """The plate has too many spheres when another environment needs another tracker."""
-    stand(camera)
-    camera.see(6 * PERIOD, "dish", (1.0, 0.0, 0.0))
-    floor = EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
-    before = listener.call(
-        GetParameters, "/tracker/get_parameters", GetParameters.Request(names=["max_spheres"])
-    )
-    set_parameter(listener, "max_spheres", most := len(load_model("salt_box")))
-    try:
-        request = SetEnvironment.Request(environment=Environment(elements=[floor]))
-        assert not listener.call(SetEnvironment, "/tracker/set_environment", request).result.error_code
-        message = camera.see(7 * PERIOD, "box", (0.0, 0.0, 0.0))
-        (skipped,) = message.skipped
-        assert skipped.key == "dish" and f"at most {most}" in skipped.value
-        assert [own.id for own in message.objects] == ["box"]
-        assert not camera.see(8 * PERIOD, "box", (0.0, 0.0, 0.0)).skipped
-    finally:
-        set_parameter(listener, "max_spheres", before.values[0].integer_value)
 
 
 def test_diagnostics_count_observations(camera, listener):

@@ -1,11 +1,15 @@
 """Parameters: described, checked, changed at run time."""
 
 import pytest
+import rclpy
+import rclpy.parameter
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from running import NodeProcess
 from scenes import assert_answered, moving_object, position_of, request_of, with_physics
 
+from unc_physics.checks.errors import InvalidOptionError
+from unc_physics.ros import UncPhysicsNode
 from unc_physics.ros.parameters import Settings
 
 
@@ -45,19 +49,17 @@ def test_every_parameter_is_described(node, client):
     ("name", "value", "reason"),
     [
         ("dt", -1.0, "range"),
-        ("damping", float("nan"), "range"),
-        ("stiffness", float("nan"), "finite"),
-        ("stiffness", -1.0, "negative"),
-        ("stiffness", "hard", "auto"),
-        ("stiffness", "1e6", "rigid"),
+        ("friction", float("nan"), "range"),
+        ("default_pose_std", [0.1], "2 numbers"),
+        ("default_twist_std", [0.1, -0.1], "at least 0"),
         ("models_dir", "/tmp", "read-only"),
-        ("overlap", "push", "one of"),
+        ("zero_covariance", "push", "one of"),
         ("default_propagator", "crystal_ball", "one of"),
         ("gravity", [1.0], "3 numbers"),
         ("horizons", [0.0], "above 0"),
         ("gravity", [0.0, 0.0, float("inf")], "finite"),
         ("dt", "fast", "type"),
-        ("max_samples", 0, "range"),
+        ("max_objects", 0, "range"),
     ],
 )
 def test_a_rejected_change_says_why(change, name, value, reason):
@@ -83,12 +85,40 @@ def test_physics_change_between_predictions(change, client):
     assert client.predict(request, node="parameters").prediction.propagator == "monte_carlo"
 
 
-def test_defaults_above_a_limit_are_lowered_to_it(change, client):
-    assert change("max_samples", 100).successful
-    request = request_of(moving_object())
-    for propagator in ("cloud", "monte_carlo", "auto"):
-        request.propagator = propagator
-        assert_answered(client.predict(request, node="parameters"))
-    request.samples = 101
-    assert "at most 100" in client.predict(request, node="parameters").result.error_msg
-    assert change("max_samples", 20_000).successful
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"stiffness": 1e4}, "stiffness was removed in version 0.3: set it in 'physics' of a request"),
+        ({"max_samples": 10}, "max_samples was removed in version 0.3: the limits are max_horizon"),
+        ({"tracked_topics": ["/can"]}, "tracked_topics was removed in version 0.3: write ID=MODEL"),
+        ({"observed_objects": ["can=mug=cup"]}, "observed_objects must be ID or ID=CLASS"),
+        ({"class_models": ["Bottle"]}, "class_models must be CLASS=MODEL"),
+        ({"class_models": ["Bottle=can@top"]}, "class_models must be CLASS=MODEL"),
+        ({"symmetric_models": ["can:w"]}, "symmetric_models must be MODEL, or MODEL:x"),
+    ],
+)
+def test_parameters_of_earlier_versions_and_bad_lists_are_refused(given, words):
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    start = [rclpy.parameter.Parameter(name, value=value) for name, value in given.items()]
+    try:
+        with pytest.raises(InvalidOptionError) as error:
+            UncPhysicsNode("old", context=context, parameter_overrides=start, use_global_arguments=False)
+        assert str(error.value).startswith(words)
+    finally:
+        context.try_shutdown()
+
+
+def test_lists_of_pairs_are_read():
+    settings = Settings(
+        class_models=("Bottle=bottle", "cup=mug@base"),
+        observed_objects=("can", "mine=cup"),
+        symmetric_models=("can", "bottle:y"),
+    )
+    assert settings.classes == {"Bottle": ("bottle", ""), "cup": ("mug", "base")}
+    assert settings.observed == {"can": "can", "mine": "cup"}
+    assert settings.symmetries == {"can": "z", "bottle": "y"}
+
+
+def test_the_interface_is_small():
+    assert len(Settings.__dataclass_fields__) <= 45

@@ -180,7 +180,7 @@ def test_what_a_planning_scene_holds():
     assert (box.id, box.mass) == ("box", 0.7)
     assert position_of(box.pose).tolist() == [0.0, 0.0, 3.0] and box.primitive.type == SolidPrimitive.BOX
     assert (can.id, can.mass) == ("can", 0.2)
-    assert (hold.type, hold.object, hold.attachment.attached_to) == (Action.ATTACHMENT, "can", "hand")
+    assert (hold.type, hold.object, hold.attached_to) == (Action.ATTACHMENT, "can", "hand")
     np.testing.assert_allclose(position_of(can.pose), TURN.apply([0.0, 0.0, 0.1]) + SHIFT)
     assert (hand.id, hand.kind, hand.primitive.type) == ("hand", ObjectState.FIXED, SolidPrimitive.SPHERE)
     np.testing.assert_allclose(position_of(hand.pose), SHIFT)

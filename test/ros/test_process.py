@@ -44,7 +44,7 @@ def test_a_signal_as_soon_as_it_is_ready_ends_the_node_cleanly():
         (["--params-file", "/nonexistent.yaml"], "the command line cannot be read: Couldn't parse params"),
         (["-p", "horizons:=[]"], r"horizons must be above 0 .*got \[\]"),
         (["-p", "islands:=true"], r"islands was removed in version 0\.3: leave it out"),
-        (["-p", "tracked_topics:=['no topic!']", "-p", "tracked_models:=[can]"], "tracked_topics is no name"),
+        (["-p", "planning_scene_topic:='no topic!'"], "planning_scene_topic is no name"),
     ],
 )
 def test_arguments_that_make_no_sense_end_the_node_with_a_sentence(arguments, words, capfd, monkeypatch):

@@ -17,7 +17,7 @@ from unc_physics.ros.models import ModelLibrary
 from unc_physics.scene.belief import Belief
 from unc_physics.spatial.layout import ERROR, VELOCITY
 from unc_physics.spatial.origin import error_map, moved
-from unc_physics_msgs.msg import Attachment, JointCovariance, Material, ObjectState, Physics, Scene
+from unc_physics_msgs.msg import JointCovariance, Material, ObjectState, Physics, Scene
 
 SMALL = 1e-3  # standard deviations of draws, small enough that the first order is all that shows
 ROUND_OFF = 1e-12
@@ -30,9 +30,9 @@ SPIN = np.array([2.0, -1.0, 3.0])
 
 def spinning_object():
     message = moving_object(position=(0.3, -0.2, 0.9), velocity=(0.5, 0.1, -0.3))
-    q = message.pose.orientation
+    q = message.pose.pose.orientation
     q.x, q.y, q.z, q.w = ROTATION.as_quat()
-    w = message.twist.angular
+    w = message.twist.twist.angular
     w.x, w.y, w.z = SPIN
     message.scale = 3.0  # so that the origin lies well away from the centre of mass
     return message
@@ -70,8 +70,8 @@ def random_covariance(seed, size):
 def test_a_fixed_object_ignores_twist_and_covariances():
     message = moving_object()
     message.kind, message.mass = ObjectState.FIXED, 0.0
-    message.twist.linear.x = float("nan")
-    message.belief.pose_covariance = np.full(36, np.nan)
+    message.twist.twist.linear.x = float("nan")
+    message.pose.covariance = np.full(36, np.nan)
     scene, belief, models, *_ = read(message, moving_object("other"))
     assert scene.bodies[0].fixed and not belief.mean[0, VELOCITY].any()
     (written, _), (joint,) = write_linear(
@@ -84,12 +84,12 @@ def test_a_fixed_object_ignores_twist_and_covariances():
 def test_unknown_covariances_take_the_defaults():
     defaults = CovarianceDefaults.from_stds(0.1, 0.2, 0.3, 0.4, zero_is_exact=False)
     unknown = moving_object("unknown")
-    unknown.belief.pose_covariance[0] = -1.0
-    unknown.belief.twist_covariance[0] = -1.0
+    unknown.pose.covariance[0] = -1.0
+    unknown.twist.covariance[0] = -1.0
     zeros = moving_object("zeros")
-    zeros.belief.pose_covariance = np.zeros(36)
+    zeros.pose.covariance = np.zeros(36)
     known = moving_object("known")
-    known.belief.twist_covariance = diagonal(*[0.5] * 6)
+    known.twist.covariance = diagonal(*[0.5] * 6)
     for message, replaced in ((unknown, False), (zeros, True), (known, False)):
         scene, belief, models, zeros_replaced, *_ = read(message, covariance_defaults=defaults)
         (written,), _ = write_linear(scene, models, [0.0], [belief])
@@ -115,12 +115,12 @@ def test_what_was_written_is_read_as_it_was(what):
     for k, written in enumerate(objects):
         state = written.states[0]
         message = ObjectState(id=written.id, model=written.model, spheres=20, scale=(3.0, 0.0)[k])
-        message.pose, message.twist = state.pose.pose, state.twist.twist
+        message.pose.pose, message.twist.twist = state.pose.pose, state.twist.twist
         if what == "whole":
-            message.belief.covariance = state.covariance
+            message.covariance = state.covariance
         elif what == "pose and twist":
-            message.belief.pose_covariance = at_origin[2 * k].ravel()
-            message.belief.twist_covariance = at_origin[2 * k + 1].ravel()
+            message.pose.covariance = at_origin[2 * k].ravel()
+            message.twist.covariance = at_origin[2 * k + 1].ravel()
         messages.append(message)
     again = read(*messages, joint=joints[0] if what == "joint" else None).belief
     assert np.allclose(again.mean, belief.mean, rtol=0.0, atol=ROUND_OFF)
@@ -131,8 +131,8 @@ def test_what_was_written_is_read_as_it_was(what):
     else:
         rewritten, _ = write_linear(scene, models, [0.0], [again])
         for sent, got in zip(messages, rewritten, strict=True):
-            assert_close(got.states[0].pose.covariance, sent.belief.pose_covariance)
-            assert_close(got.states[0].twist.covariance, sent.belief.twist_covariance)
+            assert_close(got.states[0].pose.covariance, sent.pose.covariance)
+            assert_close(got.states[0].twist.covariance, sent.twist.covariance)
 
 
 def assert_close(found, expected):
@@ -164,7 +164,7 @@ def test_objects_of_unknown_model_may_be_left_out():
     C = random_covariance(12, 2 * ERROR)
     joint = JointCovariance(object_ids=["b", "a"], data=packed(C))
     own = read(known, unknown, joint=joint, skip_invalid_objects=True).belief
-    known.belief.covariance = packed(C[ERROR:, ERROR:])
+    known.covariance = packed(C[ERROR:, ERROR:])
     assert_close(own.joint, read(known).belief.joint)
     with pytest.raises(errors.NoObjectsError, match="teapot"):
         read(unknown, skip_invalid_objects=True)
@@ -207,10 +207,10 @@ def put(message, path, value):
     ("path", "value", "error"),
     [
         ("mass", "heavy", errors.InvalidMassError),
-        ("pose.position.y", "far", errors.InvalidRequestError),
-        ("belief.covariance", np.zeros(143), errors.InvalidCovarianceError),
-        ("belief.pose_covariance", np.zeros(35), errors.InvalidCovarianceError),
-        ("belief.pose_covariance", None, errors.InvalidCovarianceError),
+        ("pose.pose.position.y", "far", errors.InvalidRequestError),
+        ("covariance", np.zeros(143), errors.InvalidCovarianceError),
+        ("pose.covariance", np.zeros(35), errors.InvalidCovarianceError),
+        ("pose.covariance", None, errors.InvalidCovarianceError),
     ],
 )
 def test_values_that_messages_hold_unchecked_are_named(path, value, error):
@@ -224,16 +224,18 @@ def test_values_that_messages_hold_unchecked_are_named(path, value, error):
 
 def test_where_a_prediction_began():
     message = spinning_object()
-    message.belief.pose_covariance = random_covariance(8, 6).ravel()
+    message.pose.covariance = random_covariance(8, 6).ravel()
     fixed = moving_object("fixed one")
     fixed.kind = ObjectState.FIXED
     scene, belief, models, *_ = read(message, fixed)
     objects, _ = write_linear(scene, models, [0.0], [belief])
     write_start(objects, scene, belief)
     for written, sent in zip(objects, (message, fixed), strict=True):
-        assert np.allclose(position_of(written.start.pose), position_of(sent.pose), rtol=0.0, atol=ROUND_OFF)
+        assert np.allclose(
+            position_of(written.start.pose), position_of(sent.pose.pose), rtol=0.0, atol=ROUND_OFF
+        )
         assert_close(written.start.covariance, written.states[0].pose.covariance)
-    assert np.allclose(objects[0].start.covariance, message.belief.pose_covariance, rtol=0.0, atol=ROUND_OFF)
+    assert np.allclose(objects[0].start.covariance, message.pose.covariance, rtol=0.0, atol=ROUND_OFF)
     assert not np.any(objects[1].start.covariance)
 
 
@@ -244,7 +246,6 @@ def test_where_a_prediction_began():
         (Physics, "gravity", Vector3(z=-1.0)),
         (Physics, "sleep", True),
         (Material, "friction", 0.5),
-        (Attachment, "released_at", Duration(nanosec=1)),
     ],
 )
 def test_an_optional_value_needs_its_flag(kind, name, value):
@@ -271,7 +272,7 @@ def test_what_left_the_range_of_numbers_is_not_written(number):
 
 def test_huge_numbers_are_refused_or_stay_finite():
     message = moving_object()
-    message.twist.angular.x = 1e200
-    message.belief.twist_covariance = diagonal(*[1e150] * 6)
+    message.twist.twist.angular.x = 1e200
+    message.twist.covariance = diagonal(*[1e150] * 6)
     with pytest.raises(errors.NotFiniteError):
         read(message)

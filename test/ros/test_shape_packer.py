@@ -11,7 +11,7 @@ from shape_msgs.msg import Mesh, MeshTriangle, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode, NoObjectsError, UncPhysicsError
 from unc_physics.ros import models
-from unc_physics.ros.messages.scene import UNLIMITED, SceneLimits, read_scene
+from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
 from unc_physics_msgs.msg import EnvironmentElement, ObjectState
 from unc_physics_msgs.msg import Scene as SceneMessage
@@ -45,8 +45,8 @@ TORUS.apply_translation([0.2, 0.0, 0.0])
 
 def shaped(**fields):
     """An object without a model; also one without any shape."""
-    message = ObjectState(id="thing", mass=1.0, spheres=SPHERES, **fields)
-    message.pose.position.x = 1.0
+    message = ObjectState(**{"id": "thing", "mass": 1.0, "spheres": SPHERES} | fields)
+    message.pose.pose.position.x = 1.0
     return message
 
 
@@ -55,10 +55,10 @@ def primitive(kind, *size, polygon=()):
     return SolidPrimitive(type=kind, dimensions=packed(size), polygon=Polygon(points=points))
 
 
-def read(library, *objects, elements=(), limits=UNLIMITED, **others):
+def read(library, *objects, elements=(), **others):
     message = SceneMessage(objects=list(objects))
     message.environment.elements = list(elements)
-    return read_scene(message, library, PHYSICS, limits=limits, **others)
+    return read_scene(message, library, PHYSICS, **others)
 
 
 def test_a_mesh_is_an_object_of_its_shape(library):
@@ -231,8 +231,8 @@ def test_a_mass_is_checked_before_its_shape_is_packed(library, monkeypatch, mass
 
 
 def test_limits_and_what_an_obstacle_cannot_have(library, monkeypatch):
-    with pytest.raises(UncPhysicsError, match=r"objects\[0\].spheres must be at most 10"):
-        read(library, shaped(mesh=mesh_message(TORUS)), limits=SceneLimits(spheres=10))
+    with pytest.raises(UncPhysicsError, match=r"objects\[0\].spheres must be at most 100000"):
+        read(library, shaped(mesh=mesh_message(TORUS), spheres=100_001))
     monkeypatch.setattr(models, "MAX_TRIANGLES", 10)
     with pytest.raises(UncPhysicsError, match=r"mesh.triangles must be at most 10"):
         read(library, shaped(mesh=mesh_message(TORUS)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped
+from geometry_msgs.msg import Pose, PoseWithCovariance, PoseWithCovarianceStamped, Vector3
 from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
 from running import ANSWER_TIMEOUT, Client, Inbox, NodeProcess, wait_until
 from scenes import POSITION_STD, good_request, moving_object, numbers_of, position_of
@@ -15,16 +15,16 @@ from shape_msgs.msg import Plane
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from unc_physics.ros.detected import scene_of_detections
+from unc_physics.ros.detected import read_detections
 from unc_physics.ros.messages.clocks import stamp_problem
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
-from unc_physics.ros.scene_topics import LatestWorker, StreamedScene, prepared
+from unc_physics.ros.scene_topics import LatestWorker, StreamedScene, prepared, topic_name
 from unc_physics.ros.stream_pace import Pace
-from unc_physics.ros.streams import request_of, topic_name, transforms
+from unc_physics.ros.streams import request_of, transforms
 from unc_physics_msgs.msg import EnvironmentElement, PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]
@@ -43,12 +43,11 @@ def node():
         "pose_horizon": 0.2,
         "max_input_age": 30.0,
         "max_input_lead": 30.0,
-        "stream_max_computation_time": 30.0,  # predictions do not depend on the machine
-        "tracked_topics": ["/tracker/pose"],
-        "tracked_models": ["can"],
+        "stream_time_budget": 30.0,  # predictions do not depend on the machine
+        "observed_objects": ["mine=can"],
         "markers": ["initial", "predicted", "ellipsoid", "rotation"],
-        "default_linear_velocity_std": 0.5,
-        "qos_overrides./tracker/pose.subscription.reliability": "reliable",
+        "default_twist_std": [0.5, 0.1],
+        "qos_overrides./stream/observed/mine.subscription.reliability": "reliable",
     }
     with NodeProcess(name="stream", **parameters) as process:
         yield process
@@ -102,7 +101,7 @@ def test_a_scene_is_predicted_for_all_horizons(answer_to, listener):
     ends = [stamp.sec + 1e-9 * stamp.nanosec for stamp in (message.header.stamp, message.valid_until)]
     assert ends[1] - ends[0] == pytest.approx(seconds(message.time_reached), abs=1e-6)
     xs = [position_of(state.pose.pose)[0] for state in message.objects[0].states]
-    way = np.array(xs) - sent.objects[0].pose.position.x
+    way = np.array(xs) - sent.objects[0].pose.pose.position.x
     assert np.allclose(way, 0.5 * np.array(HORIZONS), atol=1e-3)  # a few sigma points may touch at the end
 
 
@@ -118,18 +117,18 @@ def test_the_same_scene_has_the_same_prediction(answer_to, listener):
 def test_one_bad_object_is_left_out_alone(answer_to, listener):
     sent = scene(listener)
     bad = [moving_object(name, position=(2.0 * k + 5.0, 0.0, 0.0)) for k, name in enumerate("abcde")]
-    bad[0].pose.position.x = float("nan")
-    bad[1].pose.orientation.w = 0.0
-    bad[2].belief.pose_covariance[0] = -3.0
+    bad[0].pose.pose.position.x = float("nan")
+    bad[1].pose.pose.orientation.w = 0.0
+    bad[2].pose.covariance[0] = -3.0
     bad[3].model = "teapot"
     bad[4].id = "right"
     sent.objects = [*bad[:4], *sent.objects, bad[4]]
     message = answer_to(sent)
     assert [predicted.id for predicted in message.objects] == ["left/1", "right"]
     reasons = {pair.key: pair.value for pair in message.skipped}
-    assert reasons["a"] == "scene.objects[0].pose.position must be finite (got nan)"
-    assert reasons["b"].startswith("scene.objects[1].pose.orientation must have unit length, not 0")
-    assert reasons["c"].startswith("scene.objects[2].belief.pose_covariance")
+    assert reasons["a"] == "scene.objects[0].pose.pose.position must be finite (got nan)"
+    assert reasons["b"].startswith("scene.objects[1].pose.pose.orientation must have unit length, not 0")
+    assert reasons["c"].startswith("scene.objects[2].pose.covariance")
     assert reasons["d"].startswith("scene.objects[3].model") and "teapot" in reasons["d"]
     assert reasons["right"] == "scene.objects[6].id is the id of two objects (got 'right')"
 
@@ -236,7 +235,8 @@ def detection(make, class_scores, name="", x=0.0, frame=""):
                 pose=pose,
             )
         )
-    return make("Detection3D", header=Header(frame_id=frame), results=results, id=name)
+    box = make("BoundingBox3D", center=Pose(), size=Vector3())
+    return make("Detection3D", header=Header(frame_id=frame), results=results, id=name, bbox=box)
 
 
 def detections(make):
@@ -255,9 +255,9 @@ def detections(make):
 
 def test_the_scene_of_detections():
     message = detections(lambda kind, **parts: SimpleNamespace(**parts))
-    found, skipped = scene_of_detections(message, ModelLibrary(), 1.0)
-    assert skipped == {
-        "detection_1": "detections[1].results must name a model, with a finite score: none does"
+    found = read_detections(message, ModelLibrary(), Settings())
+    assert found.skipped == {
+        "detection_1": "detections[1].results must name a class, with a finite score: none does"
     }
     assert found.header.frame_id == "world"
     assert [(state.id, state.model) for state in found.objects] == [
@@ -265,8 +265,8 @@ def test_the_scene_of_detections():
         ("brick_2", "brick"),
         ("teapot_3", "teapot"),
     ]
-    assert found.objects[1].pose.position.x == 1.0
-    assert all(state.belief.twist_covariance[0] == -1.0 for state in found.objects)
+    assert found.objects[1].pose.pose.position.x == 1.0
+    assert all(state.twist.covariance[0] == -1.0 for state in found.objects)
     assert all(state.mass == 0.0 for state in found.objects)  # the models'
 
 
@@ -278,14 +278,14 @@ def test_frames_of_detections_count_where_the_array_has_none():
     message.header.frame_id = ""
     for own, frame in zip(message.detections, ("", "", "camera", "wrist"), strict=True):
         own.header.frame_id = frame
-    found, skipped = scene_of_detections(message, ModelLibrary(), 1.0)
+    found = read_detections(message, ModelLibrary(), Settings())
     assert found.header.frame_id == "camera"
     assert [state.id for state in found.objects] == ["the can", "brick_2"]
-    assert skipped["teapot_3"] == (
+    assert found.skipped["teapot_3"] == (
         "detections[3].header.frame_id must be that of the other detections, 'camera' (got 'wrist')"
     )
     message.header.frame_id = "base"
-    found, skipped = scene_of_detections(message, ModelLibrary(), 1.0)
+    found = read_detections(message, ModelLibrary(), Settings())
     assert found.header.frame_id == "base" and len(found.objects) == 3
 
 
@@ -294,8 +294,9 @@ def test_one_bad_detection_is_left_out_alone():
     message.detections[2].results[0].pose.pose.position.x = float("nan")
     message.detections[3].results[0].pose.pose.orientation.w = 0.0
     library, settings = ModelLibrary(), Settings()
-    scene, skipped = scene_of_detections(message, library, 1.0)
-    streamed = StreamedScene(scene, True, Pace(), skipped=skipped)
+    seen = read_detections(message, library, settings)
+    scene = Scene(header=seen.header, objects=seen.objects)
+    streamed = StreamedScene(scene, True, Pace(), skipped=seen.skipped)
     frames = SimpleNamespace(to_world=lambda *header: None)
     environment = NodeEnvironment()
     floor = EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
@@ -305,7 +306,7 @@ def test_one_bad_detection_is_left_out_alone():
     assert [body.name for body in found.scene.bodies] == ["the can"]
     reasons = found.skipped | skipped
     assert list(reasons) == ["brick_2", "teapot_3", "detection_1"]
-    assert "pose.position must be finite (got nan)" in reasons["brick_2"]
+    assert "pose.pose.position must be finite (got nan)" in reasons["brick_2"]
 
 
 def test_what_holds_no_valid_object_is_answered_by_an_empty_prediction(answer_to, listener):
@@ -356,14 +357,14 @@ def has_objects(*names):
 
 
 def test_a_tracked_object_with_another_quality_of_service(node, listener):
-    publisher = listener.node.create_publisher(PoseWithCovarianceStamped, "/tracker/pose", 1)
+    publisher = listener.node.create_publisher(PoseWithCovarianceStamped, "/stream/observed/mine", 1)
     wait_until(lambda: publisher.get_subscription_count() == 1)
-    (info,) = listener.node.get_subscriptions_info_by_topic("/tracker/pose")
+    (info,) = listener.node.get_subscriptions_info_by_topic("/stream/observed/mine")
     assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE and "has no effect" not in node.output
     sent = PoseWithCovarianceStamped()
     sent.pose.pose.position.z = 2.0
     with Inbox(listener, Prediction, "/stream/predictions") as inbox:
-        (predicted,) = inbox.answer(lambda: publisher.publish(sent), has_objects("/tracker/pose")).objects
+        (predicted,) = inbox.answer(lambda: publisher.publish(sent), has_objects("mine")).objects
     assert predicted.model == "can"
     spread = np.sqrt(np.reshape(predicted.states[-1].pose.covariance, (6, 6))[0, 0])
     assert spread == pytest.approx(0.5 * HORIZONS[-1], rel=0.05)  # its velocity is not known

@@ -94,7 +94,7 @@ def hurried(monkeypatch):
         "gravity": [0.0, 0.0, 0.0],
         "horizons": [0.1, 50.0],
         "max_input_age": 0.0,
-        "stream_max_computation_time": 1e3,
+        "stream_time_budget": 1e3,
         "service_introspection": "disabled",
     }
     with node_in_this_process(NODE, **values) as node:
@@ -166,7 +166,7 @@ def test_a_bag_that_starts_again(hurried, client, scenes, predictions):
 
 
 def test_a_limit_takes_rollouts_and_warns_and_what_is_over_is_dropped(hurried, client, scenes, predictions):
-    hurried.set_parameters([Parameter("stream_max_computation_time", value=1e-4)])
+    hurried.set_parameters([Parameter("stream_time_budget", value=1e-4)])
     name = f"{NODE}: predictions"
     with Inbox(client, DiagnosticArray, "/diagnostics") as diagnostics:
         rollouts = []

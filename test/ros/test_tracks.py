@@ -1,28 +1,26 @@
 """The node's tracked objects without DDS: births, association, forgetting, and changes of the environment."""
 
 import itertools
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseWithCovariance
+from geometry_msgs.msg import Pose, PoseWithCovariance, Vector3
 from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
-from unc_physics.checks.errors import InvalidEnvironmentError
+from unc_physics.checks.errors import InvalidEnvironmentError, InvalidModelError
 from unc_physics.ros.association import Place, assign
-from unc_physics.ros.detected import detected_object
+from unc_physics.ros.detected import detected_object, read_detections
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
-from unc_physics.ros.tracking import observation_of
 from unc_physics.ros.tracks import Tracks
 from unc_physics_msgs.msg import EnvironmentElement, TrackedObject
 
+NO_BOX = SimpleNamespace(center=Pose(), size=Vector3())
 STD, START = 0.002, 1_000_000_000_000  # m, ns
-FEW = 4500  # spheres, of which a can has fewer and a plate more
-SETTINGS = Settings(track=True, tracking_members=16, exact=True, forget_after=5.0)
+SETTINGS = Settings(track=True, exact=True, forget_after=5.0)
 
 
 def floor(offset=0.0):
@@ -59,7 +57,7 @@ class Scenery:
             pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = map(float, place)
             pose.pose.orientation.z, pose.pose.orientation.w = float(np.sin(yaw / 2)), float(np.cos(yaw / 2))
             pose.covariance = np.diag([STD**2] * 3 + [0.02**2] * 3).ravel()
-            seen.append(detected_object(f"{model} {k}", model, pose, self.library, 1.0))
+            seen.append(detected_object(f"{model} {k}", model, pose, self.library, SETTINGS))
         ids = {own.id for own in seen} if named else ()
         return self.tracks.observe(self.stamp(t), seen, ids, settings)
 
@@ -142,9 +140,7 @@ def test_what_is_not_seen_coasts_and_is_forgotten(tracks):
 
 
 def test_the_angle_about_an_axis_of_symmetry_does_not_count(tracks):
-    settings = Settings(
-        track=True, tracking_members=16, exact=True, symmetric_models=("can",), symmetry_axes=("z",)
-    )
+    settings = Settings(track=True, exact=True, symmetric_models=("can",))
     for k, yaw in enumerate((0.0, 2.0, -1.0, 3.0, 0.5, -2.5, 1.0)):
         t = k / 30
         place = 0, 0, 0.6 - 0.5 * 9.81 * t**2
@@ -213,26 +209,40 @@ def test_objects_that_are_new_at_the_same_time_are_all_tracked(tracks):
     assert tracks.see(0.2, *places, named=True).accepted == 3
 
 
-def test_an_object_that_a_new_environment_makes_invalid_is_dropped(tracks):
+def lose(tracks, name, monkeypatch):
+    """Make a model unreadable."""
+    shape = tracks.library.shape
+
+    def lost(model, *others):
+        if model == name:
+            raise InvalidModelError("is lost", field="model")
+        return shape(model, *others)
+
+    monkeypatch.setattr(tracks.library, "shape", lost)
+
+
+def test_an_object_that_is_invalid_in_a_new_environment_is_dropped(tracks, monkeypatch):
     both, models = ((0, 0, 0), (1, 0, 0)), ("can", "plate")
     assert tracks.see(0.0, *both, models=models, named=True).births == 2
     assert tracks.tracks.take_dropped() == {}
     tracks.environment.set(floor(offset=0.01))
-    fewer = replace(SETTINGS, max_spheres=FEW)
-    outcome = tracks.see(0.1, both[0], named=True, settings=fewer)
+    lose(tracks, "plate", monkeypatch)
+    outcome = tracks.see(0.1, both[0], named=True)
     assert outcome.accepted == 1 and not outcome.skipped
     assert list(tracks.known()) == tracks.tracks.names == ["can 0"]
     dropped = tracks.tracks.take_dropped()
-    assert list(dropped) == ["plate 1"] and f"at most {FEW}" in dropped["plate 1"]
+    assert list(dropped) == ["plate 1"] and "is lost" in dropped["plate 1"]
     assert tracks.tracks.take_dropped() == {}
+    monkeypatch.undo()
     outcome = tracks.see(0.2, *both, models=models, named=True)
     assert (outcome.accepted, outcome.births) == (2, 1)
 
 
-def test_without_valid_objects_nothing_is_tracked_until_a_new_one(tracks):
+def test_without_valid_objects_nothing_is_tracked_until_a_new_one(tracks, monkeypatch):
     tracks.see(0.0, (0, 0, 0), models=["plate"], named=True)
     tracks.environment.set(floor(offset=0.01))
-    tracks.tracks.advance(tracks.stamp(0.5), replace(SETTINGS, max_spheres=FEW))
+    lose(tracks, "plate", monkeypatch)
+    tracks.tracks.advance(tracks.stamp(0.5), SETTINGS)
     assert not tracks.known() and not tracks.tracks.names
     assert list(tracks.tracks.take_dropped()) == ["plate 0"]
     assert tracks.see(0.6, (0, 0, 0), named=True).births == 1
@@ -248,7 +258,7 @@ def test_after_a_long_gap_objects_begin_anew(tracks):
 
 
 def test_more_objects_than_allowed_are_left_out(tracks):
-    settings = Settings(track=True, tracking_members=16, exact=True, max_objects=1)
+    settings = Settings(track=True, exact=True, max_objects=1)
     outcome = tracks.see(0.0, (0, 0, 0), (1, 0, 0), named=True, settings=settings)
     assert outcome.births == 1 and "at most 1" in outcome.skipped["can 1"]
 
@@ -258,10 +268,10 @@ def test_ids_of_detections():
         result = SimpleNamespace(
             hypothesis=SimpleNamespace(class_id="can", score=0.5), pose=PoseWithCovariance()
         )
-        return SimpleNamespace(header=Header(), results=[result], id=name)
+        return SimpleNamespace(header=Header(), results=[result], id=name, bbox=NO_BOX)
 
     array = SimpleNamespace(header=Header(frame_id="camera"), detections=[detection("a"), detection("")])
-    found = observation_of(array, ModelLibrary(), 1.0)
+    found = read_detections(array, ModelLibrary(), SETTINGS)
     assert [own.id for own in found.objects] == ["a", "can_1"] and found.named == {"a"}
     assert found.header.frame_id == "camera"
 
@@ -273,7 +283,7 @@ def test_an_object_that_changes_its_id_stays_one_object(tracks):
     place = PoseWithCovariance()
     place.covariance = np.diag([STD**2] * 3 + [0.02**2] * 3).ravel()
     for k in range(10, 20):
-        other = detected_object("other", "can", place, tracks.library, 1.0)
+        other = detected_object("other", "can", place, tracks.library, SETTINGS)
         outcome = tracks.tracks.observe(tracks.stamp(0.1 * k), [other], {"other"}, SETTINGS)
         assert "its id has changed" in outcome.skipped["other"] and outcome.accepted == 1
     assert list(tracks.known()) == ["can 0"]

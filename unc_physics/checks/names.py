@@ -31,9 +31,10 @@ _REMOVED = {
     "marker_cells": "was removed in version 0.3: leave it out",
     "max_flight_steps": "was removed in version 0.3: leave it out",
     "return_center_of_mass": "was removed in version 0.3: leave it out; states are those of the models'"
-    " origins, and center_of_mass of ~/list_models is the vector from there to the centre of mass",
+    " origins, and center_of_mass of ~/models is the vector from there to the centre of mass",
     "reduce": "was removed in version 0.3: leave it out; 'cloud' leaves common motion to a closed form",
     "smallest_first": "was removed in version 0.3: negate the score instead (~event)",
+    "wait_for_compilation": "was removed in version 0.3: leave it out; all requests wait",
 }
 Class = TypeVar("Class", bound=type)
 Function = TypeVar("Function", bound=Callable[..., Any])

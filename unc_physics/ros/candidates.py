@@ -23,10 +23,10 @@ from ..checks.errors import (
 from ..checks.names import hint
 from ..prediction.rank import Candidate, rank_candidates
 from ..propagators.names import REFERENCE
+from .messages.events import read_score
 from .messages.fields import duration, write_error
 from .messages.prediction import write_answer
-from .messages.ranking import read_score, write_ranked_action
-from .messages.request import Job, TimeLimits
+from .messages.request import Job, TimeLimits, check_memory
 from .messages.scene import FieldNames
 from .services import BackgroundService
 
@@ -44,13 +44,7 @@ class CandidatesService(BackgroundService):
             _check(request, server.settings)
             limits = TimeLimits(server.settings.max_computation_time)
             base = server.read(request.request, limits=limits)
-            size, limit = base.answer_bytes() * len(request.candidates), server.settings.max_response_bytes
-            if size > limit:
-                raise LimitExceededError(
-                    f"would take {size} bytes, and the limit is {limit}; ask for fewer states, samples or"
-                    " candidates",
-                    field="the answer",
-                )
+            check_memory(base, server.settings, len(request.candidates))
             response.seed = base.seed
             entries = [CandidatePrediction(candidate=candidate.id) for candidate in request.candidates]
             if request.score:
@@ -128,10 +122,23 @@ def rank_entries(
         with server.errors_into(entry.result):
             header = request.request.scene.header
             write_answer(entry.prediction, header, server.settings, job, action.prediction)
-            write_ranked_action(entry, action, score.negated)
+            _write_ranked_action(entry, action, score.negated)
             server.diagnostics.predicted(action.prediction)
             places[action.name] = len(places)
     return places
+
+
+def _write_ranked_action(entry, action, negated):
+    """Write a ranked action into a candidate's entry; ``negated`` is that of `ReadScore`."""
+    found, difference = action.score, action.difference.value
+    entry.score, entry.score_low, entry.score_high = found.estimate, found.low, found.high
+    if negated:
+        entry.score, entry.score_low, entry.score_high = 1 - found.estimate, 1 - found.high, 1 - found.low
+        difference = -difference
+    entry.difference, entry.difference_std = difference, action.difference.std
+    if action.margin is not None:
+        entry.has_margin, entry.margin = True, float(action.margin)
+    entry.tied, entry.clearly_worse = action.tied, action.clearly_worse
 
 
 def _with_candidate(request, k, seed):
@@ -176,9 +183,9 @@ def _check(request, settings):
     candidates, inner = request.candidates, request.request
     if not candidates:
         raise InvalidRequestError("must name at least one candidate", field="candidates")
-    if len(candidates) > settings.max_candidates:
+    if len(candidates) > settings.max_objects:
         raise LimitExceededError(
-            f"must be at most {settings.max_candidates}", field="candidates", value=len(candidates)
+            f"must be at most {settings.max_objects}", field="candidates", value=len(candidates)
         )
     ids = [candidate.id for candidate in candidates]
     for k, name in enumerate(ids):

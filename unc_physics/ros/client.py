@@ -15,16 +15,17 @@ import numpy as np
 import rclpy
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import Pose, Twist, Vector3
+from geometry_msgs.msg import Pose, PoseWithCovariance, Twist, TwistWithCovariance, Vector3
 from rclpy.executors import SingleThreadedExecutor
 from shape_msgs.msg import Plane, SolidPrimitive
 
 from unc_physics_msgs import msg, srv
 
-from ..checks.errors import InvalidRequestError, NotActiveError, error_of
-from ..checks.names import hint
+from ..checks.errors import InvalidRequestError, NotActiveError, NotReadyError, error_of
+from ..checks.names import hint, removed
 from ..checks.validation import array, flag, instance, integer, number, positive
 from .messages import fields as convert
+from .services import LATCHED
 
 _PERIOD = 0.1  # s, between checks of the time-out, and of whether node and client have ended
 _NOBODY = "is offered by no node; start one (with track:=true for tracked objects), and check ROS_DOMAIN_ID"
@@ -35,6 +36,8 @@ _OF_NUMBERS: dict[type, tuple[tuple[int, ...], Any]] = {
     Pose: ((3, 7), lambda v: convert.pose_message(v[:3], v[3:] if len(v) == 7 else (0, 0, 0, 1))),
     Twist: ((6,), lambda v: convert.twist_message(v[:3], v[3:])),
     Plane: ((4,), lambda v: Plane(coef=v)),
+    PoseWithCovariance: ((3, 7), lambda v: PoseWithCovariance(pose=_OF_NUMBERS[Pose][1](v))),
+    TwistWithCovariance: ((6,), lambda v: TwistWithCovariance(twist=_OF_NUMBERS[Twist][1](v))),
 }
 
 
@@ -48,7 +51,8 @@ def make_message(kind: Any, /, **fields: Any) -> Any:
     known = message.get_fields_and_field_types()
     for name, value in fields.items():
         if name not in known:
-            raise InvalidRequestError(f"is no field of {kind.__name__}{hint(name, known)}", field=name)
+            problem = removed(name) or f"is no field of {kind.__name__}{hint(name, known)}"
+            raise InvalidRequestError(problem, field=name)
         setattr(message, name, _converted(getattr(message, name), value, name))
         if f"has_{name}" in known:
             setattr(message, f"has_{name}", True)
@@ -71,9 +75,12 @@ def object_state(
     **fields
         Other fields of ``ObjectState``, such as ``twist`` [m/s, rad/s], ``kind``, ``mass`` or ``at_rest``.
     """
-    parts = {"pose_covariance": _matrix(covariance), "twist_covariance": _matrix(twist_covariance)}
-    given = {"id": id, "model": model, "pose": pose, "belief": make_message(msg.ObjectBelief, **parts)}
-    return make_message(msg.ObjectState, **given | fields)
+    twist = fields.pop("twist", [0.0] * 6)
+    given = {
+        "pose": make_message(PoseWithCovariance, pose=pose, covariance=_matrix(covariance)),
+        "twist": make_message(TwistWithCovariance, twist=twist, covariance=_matrix(twist_covariance)),
+    }
+    return make_message(msg.ObjectState, id=id, model=model, **given | fields)
 
 
 def environment(
@@ -94,13 +101,12 @@ def environment(
 def prediction_request(
     objects: Iterable[msg.ObjectState], horizon: float, environment: Any = None, **fields: Any
 ) -> msg.PredictionRequest:
-    """Return a request, which waits while kernels are compiled.
+    """Return a request.
 
     The horizon is in seconds, and the environment by default the node's own. Of the other ``fields`` of
     ``PredictionRequest``, ``times`` are numbers [s], and ``propagator_options`` are a mapping.
     """
     scene = make_message(msg.Scene, objects=objects, environment=environment or msg.Environment())
-    fields = {"wait_for_compilation": True} | fields
     return make_message(msg.PredictionRequest, scene=scene, horizon=horizon, **fields)
 
 
@@ -139,7 +145,7 @@ class Client(contextlib.AbstractContextManager["Client"]):
         self._server, self._timeout = server.rstrip("/"), positive(timeout, "timeout")
         self._lock, self._closed = threading.Lock(), threading.Event()
         self._made: dict[str, Any] = {}  # clients and the subscription, by name
-        self._newest: Any = None  # message of the tracker
+        self._newest: dict[str, Any] = {}  # messages of topics
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
         self._node: Any = rclpy.create_node("unc_physics_client", context=self._context)
@@ -161,8 +167,15 @@ class Client(contextlib.AbstractContextManager["Client"]):
             self._context.try_shutdown()
 
     def predict(self, request: msg.PredictionRequest, timeout: float | None = None) -> msg.Prediction:
-        """Return the prediction of a request."""
-        return self._call(srv.Predict, "predict", timeout, request=request).prediction
+        """Return the prediction of a request; wait, up to the timeout, while the node compiles for it."""
+        end = self._end(timeout)
+        while True:
+            try:
+                left = max(end - time.monotonic(), _PERIOD)
+                return self._call(srv.Predict, "predict", left, request=request).prediction
+            except NotReadyError:
+                if time.monotonic() > end:
+                    raise
 
     def rank(
         self, request: msg.PredictionRequest, candidates: Any, timeout: float | None = None, **fields: Any
@@ -181,7 +194,8 @@ class Client(contextlib.AbstractContextManager["Client"]):
 
     def models(self, timeout: float | None = None) -> dict[str, msg.ModelInfo]:
         """Return the models that objects can refer to, by name."""
-        return {info.name: info for info in self._call(srv.ListModels, "list_models", timeout).models}
+        self._newest_of(msg.ModelList, "models", LATCHED, timeout, lambda message: True)
+        return {info.name: info for info in self._newest["models"].models}
 
     def load_model(self, path: Any, timeout: float | None = None, **fields: Any) -> msg.ModelInfo:
         """Make the node read a model or pack a mesh, a file on its machine; wait until that is done.
@@ -189,10 +203,12 @@ class Client(contextlib.AbstractContextManager["Client"]):
         Other fields of ``LoadModel`` are ``name``, ``replace`` and ``spheres``.
         """
         end = self._end(timeout)
-        info = self._call(srv.LoadModel, "load_model", timeout, path=str(path), **fields).model
+        info: Any = self._call(srv.LoadModel, "load_model", timeout, path=str(path), **fields).model
         while info.status == msg.ModelInfo.STATUS_PACKING:
             time.sleep(_PERIOD)
-            info = self.models(max(end - time.monotonic(), _PERIOD))[info.name]
+            if time.monotonic() > end:
+                raise NotActiveError("is still packing; give a longer timeout", field="the node")
+            info = self.models(max(end - time.monotonic(), _PERIOD)).get(info.name, info)
         return info
 
     def set_environment(self, environment: msg.Environment, timeout: float | None = None) -> None:
@@ -201,16 +217,26 @@ class Client(contextlib.AbstractContextManager["Client"]):
 
     def tracked(self, after: float = 0.0, timeout: float | None = None) -> msg.TrackedObjects:
         """Return the newest message of the node's tracker; wait until its stamp is ``after`` [s] or later."""
-        end, topic, keep = self._end(timeout), f"{self._server}/tracked", partial(setattr, self, "_newest")
-        self._once(topic, self._node.create_subscription, msg.TrackedObjects, topic, keep, 1)
+        self._newest_of(
+            msg.TrackedObjects,
+            "tracked",
+            1,
+            timeout,
+            lambda message: 1e-9 * convert.nanoseconds(message.header.stamp) >= after,
+            "; start it with track:=true, and observe objects",
+        )
+        return self._newest["tracked"]
+
+    def _newest_of(self, kind, name, quality, timeout, is_wanted, problem=""):
+        """Subscribe to a topic, and wait until its newest message is a wanted one."""
+        end, topic = self._end(timeout), f"{self._server}/{name}"
+        keep = partial(self._newest.__setitem__, name)
+        self._once(topic, self._node.create_subscription, kind, topic, keep, quality)
 
         def is_there():
-            return self._newest is not None and 1e-9 * convert.nanoseconds(self._newest.header.stamp) >= after
+            return name in self._newest and is_wanted(self._newest[name])
 
-        self._wait(
-            is_there, topic, end, "has no message; start the node with track:=true, and observe objects"
-        )
-        return self._newest
+        self._wait(is_there, topic, end, f"has no message of a node{problem}")
 
     def fork(self, timeout: float | None = None, **fields: Any) -> srv.Fork.Response:
         """Return a prediction from the tracker's belief; ``fields`` are those of ``Fork``, as ``horizon``."""

@@ -23,7 +23,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from unc_physics_msgs.msg import Environment, ObjectState, Physics, Prediction
+from unc_physics_msgs.msg import Environment, Event, ObjectState, Physics, Prediction
 
 from ..checks.errors import OutputError, UncPhysicsError
 from ..compiler.compile_time import FIRST_USE
@@ -194,8 +194,8 @@ def table(answers: list[Answer]) -> str:
             1e3 * float(np.linalg.norm(one - other))
             for one, other in zip(_mean_and_std(prediction), exact, strict=True)
         )
-        (found,) = [own.upright for own in prediction.objects if own.id == "carton"]
         worth = f"{as_samples(prediction, truth.prediction):.0f}" if name != "truth" else ""
+        (found,) = (one for one in prediction.events if (one.kind, one.object) == (Event.UPRIGHT, "carton"))
         took = 1e3 * seconds(prediction.computation_time)
         lines.append(
             f"{name:<{width}}  {prediction.rollouts:8d}  {took:9.1f}  {worth:>10}  {mean:12.1f}  {std:10.1f}"

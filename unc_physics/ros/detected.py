@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from geometry_msgs.msg import Pose, PoseWithCovariance
 from std_msgs.msg import Header
 
 from unc_physics_msgs.msg import Environment, ObjectState, Scene
@@ -21,10 +22,11 @@ from ..checks.validation import array, quaternion
 from ..scene.environment import Element
 from ..shapes.distance import signed_distance
 from ..shapes.packing_file import SpherePacking
-from ..spatial.rotation import rotation_matrix
-from .messages.covariances import UNKNOWN
+from ..spatial.rotation import cross_matrices, rotation_matrix
+from .messages.covariances import MOST_ANGLE_VARIANCE, UNKNOWN
 from .messages.environment import PackedElement, read_environment
-from .messages.fields import xyz, xyzw
+from .messages.fields import pose_message, xyz, xyzw
+from .parameters import BASE, CENTER, ClassModel
 
 try:
     Detection3DArray: Any = importlib.import_module("vision_msgs.msg").Detection3DArray
@@ -33,6 +35,7 @@ except ImportError:  # optional
 
 _SIGMAS = 3.0
 _SURFACE_ERROR = 2e-3  # m, of a model's surface
+_NO_POSE = Pose()
 _UPWARD = 0.5  # cosine of the steepest slope of a support
 #: Kinds of omissions.
 SECOND_DETECTION, IN_MID_AIR = "second detection", "in mid-air"
@@ -85,21 +88,39 @@ class _Body(NamedTuple):
         return float(np.sqrt(max(J @ self.covariance @ J, 0.0)))
 
 
-def scene_of_detections(detections, library, mass, header=None) -> tuple[Scene, dict[str, str]]:
-    """Return the scene of a Detection3DArray, and the reasons of omitted detections by their names.
+class Detections(NamedTuple):
+    """Objects that were detected at one time.
 
-    The best hypothesis of each detection names its model. If the array has no frame, it is that of the first
-    detection with one; detections in other frames, and those without hypotheses, are omitted. A given header
-    replaces that of the array, and frames are not compared.
+    Attributes
+    ----------
+    header : Header
+    objects : list of ObjectState
+        In the frame of the header, with unknown velocity.
+    named : collection of str
+        Ids among theirs that the source gave.
+    skipped : mapping of str
+        Reasons of detections that were left out, by id.
     """
-    objects, skipped = [], {}
-    own_frames = header is None and not detections.header.frame_id
-    header = detections.header if header is None else header
+
+    header: Header
+    objects: list[ObjectState]
+    named: Collection[str]
+    skipped: Mapping[str, str]
+
+
+def read_detections(message, library, settings) -> Detections:
+    """Return the objects of a Detection3DArray.
+
+    The best hypothesis of each detection names its class. If the array has no frame, it is that of the first
+    detection with one; detections in other frames, and those without hypotheses, are omitted.
+    """
+    objects, skipped, header = [], {}, message.header
+    own_frames = not header.frame_id
     if own_frames:
-        frames = (detection.header.frame_id for detection in detections.detections)
+        frames = (detection.header.frame_id for detection in message.detections)
         header = Header(stamp=header.stamp, frame_id=next(filter(None, frames), ""))
     names = set()
-    for k, detection in enumerate(detections.detections):
+    for k, detection in enumerate(message.detections):
         best = max(valid_hypotheses(detection), key=lambda result: result.hypothesis.score, default=None)
         name = detection.id or (f"detection_{k}" if best is None else f"{best.hypothesis.class_id}_{k}")
         if name in names:  # some detectors write the class into the id
@@ -107,16 +128,16 @@ def scene_of_detections(detections, library, mass, header=None) -> tuple[Scene, 
         names.add(name)
         frame = detection.header.frame_id if own_frames else ""
         if best is None:
-            skipped[name] = f"detections[{k}].results must name a model, with a finite score: none does"
+            skipped[name] = f"detections[{k}].results must name a class, with a finite score: none does"
         elif frame not in ("", header.frame_id):
             skipped[name] = (
                 f"detections[{k}].header.frame_id must be that of the other detections, '{header.frame_id}'"
                 f" (got '{frame}')"
             )
         else:
-            model = best.hypothesis.class_id
-            objects.append(detected_object(name, model, best.pose, library, mass))
-    return Scene(header=header, objects=objects), skipped
+            objects.append(_detected(name, best, detection.bbox, library, settings))
+    named = {detection.id for detection in message.detections if detection.id}
+    return Detections(header, objects, named, skipped)
 
 
 def valid_hypotheses(detection) -> list:
@@ -126,21 +147,63 @@ def valid_hypotheses(detection) -> list:
     ]
 
 
-def detected_object(name, model, pose, library, mass):
-    """Return an object with unknown velocity, with the given mass [kg] if its model has none."""
-    state = ObjectState(id=name, model=model, pose=pose.pose)
-    state.belief.pose_covariance = pose.covariance
-    state.belief.twist_covariance[0] = UNKNOWN
-    state.mass = _mass_of(model, library, mass)
+def detected_object(name: str, kind: str, pose: PoseWithCovariance, library, settings) -> ObjectState:
+    """Return an object of a class with unknown velocity, at a pose as the class has it."""
+    model, origin = settings.classes.get(kind, ClassModel(kind))
+    return _at_point(name, model, pose, origin, library, settings)
+
+
+def _detected(name, best, box, library, settings):
+    """Return the object of a detection, whose box is its pose or shape where it has no other."""
+    kind = best.hypothesis.class_id
+    model, origin = settings.classes.get(kind, ClassModel(kind))
+    size = xyz(box.size)
+    if model not in library and all(math.isfinite(length) and length > 0.0 for length in size):
+        library.add_box(model, size)
+        pose = PoseWithCovariance(pose=box.center, covariance=best.pose.covariance)
+        return _at_point(name, model, pose, "", library, settings)
+    if best.pose.pose == _NO_POSE and not np.any(best.pose.covariance) and box.center != _NO_POSE:
+        pose = PoseWithCovariance(pose=box.center, covariance=best.pose.covariance)
+        return _at_point(name, model, pose, CENTER, library, settings)
+    return _at_point(name, model, best.pose, origin, library, settings)
+
+
+def _at_point(name, model, pose, origin, library, settings):
+    """Return an object of a model, given the pose of a point of its box; empty: of the model's own origin."""
+    state = ObjectState(id=name, model=model, pose=pose)
+    state.twist.covariance[0] = UNKNOWN
+    try:
+        packing = library.shape(model)
+    except UncPhysicsError:
+        return state  # reported when the scene is read
+    state.mass = settings.tracked_mass if packing.mass is None else 0.0
+    if origin:
+        state.pose = moved_pose(pose, -_point_of_box(packing, origin))
     return state
 
 
-def _mass_of(model, library, mass):
-    """Return the mass of an object [kg]: 0, for that of its model, or the given one if it has none."""
-    try:
-        return mass if library.shape(model).mass is None else 0.0
-    except UncPhysicsError:
-        return 0.0  # reported when the scene is read
+def _point_of_box(model, name):
+    """Return the middle (3,) of a model's box, or of its base, from the model's origin along its axes [m]."""
+    low, high = model.corners - model.origin
+    point = 0.5 * (low + high)
+    return np.array([*point[:2], low[2]]) if name == BASE else point
+
+
+def moved_pose(pose: PoseWithCovariance, offset: np.ndarray) -> PoseWithCovariance:
+    """Return the pose of another point of a body, at an offset (3,) along its axes [m].
+
+    Variances that mean "not measured", and unknown covariances, are not carried over by the lever.
+    """
+    given = pose.pose
+    arm = rotation_matrix(np.array(xyzw(given.orientation))) @ offset
+    P = np.reshape(np.array(pose.covariance, float), (6, 6))
+    if P[0, 0] != UNKNOWN:
+        J = np.eye(6)
+        measured = P.diagonal()[3:] <= MOST_ANGLE_VARIANCE
+        J[:3, 3:] = -cross_matrices(arm) * measured
+        P = J @ P @ J.T
+    found = pose_message(np.array(xyz(given.position)) + arm, xyzw(given.orientation))
+    return PoseWithCovariance(pose=found, covariance=P.ravel())
 
 
 def settle_detected(
@@ -174,11 +237,11 @@ def settle_detected(
             pass  # reported when the scene is read
     skipped = _duplicates(scene.objects, bodies)
     kept = [own for own in scene.objects if own.id not in skipped]
-    if length > 0.0 and settings.integrator != "explicit":
+    if length > 0.0:
         open_ones = {
             own.id: own
             for own in kept
-            if own.id in bodies and own.belief.twist_covariance[0] == UNKNOWN and not own.at_rest
+            if own.id in bodies and own.twist.covariance[0] == UNKNOWN and not own.at_rest
         }
         gaps = _stand(open_ones, bodies, _supports(environment, library), up / length)
         for name, gap in gaps.items():
@@ -261,9 +324,9 @@ def _body(own, library, settings) -> _Body:
         pack = library.shape_packer.of_primitive if own.primitive.type else library.shape_packer.of_mesh
         shape = own.primitive if own.primitive.type else own.mesh
         model = pack(shape, own.spheres, own.id, False).scaled(own.scale or 1.0)
-    position = array(xyz(own.pose.position), (3,), "position")
-    orientation = quaternion(xyzw(own.pose.orientation), "orientation")
-    P = settings.covariance_defaults.known_pose(own.belief.pose_covariance, "pose_covariance")
+    position = array(xyz(own.pose.pose.position), (3,), "position")
+    orientation = quaternion(xyzw(own.pose.pose.orientation), "orientation")
+    P = settings.covariance_defaults.known_pose(own.pose.covariance, "pose.covariance")
     return _Body(own.id, position, np.array(orientation), model, P.with_unmeasured())
 
 

@@ -18,8 +18,8 @@ from unc_physics_msgs.action import PredictLong
 from ..checks.errors import CanceledError, ErrorCode
 from .client_process import ClientProcess, participant_of
 from .messages.fields import duration
-from .messages.request import TimeLimits
 
+_MOST_GOALS = 2  # that are computed at a time
 _FEEDBACK_PERIOD = 0.1  # s
 _CLIENTS_PERIOD = 1.0  # s, between checks whether a goal's client is still there
 _SENDING_TIMEOUT = 1.0  # s; an executor that does not spin sends nothing
@@ -31,10 +31,9 @@ class LongPrediction:
 
     def __init__(self, server):
         self._server = server
-        limit = server.settings.max_long_predictions
-        self._running = threading.Semaphore(limit)
+        self._running = threading.Semaphore(_MOST_GOALS)
         self._action = _ThreadedActionServer(
-            limit,
+            _MOST_GOALS,
             server.node,
             PredictLong,
             "~/predict_long",
@@ -53,8 +52,7 @@ class LongPrediction:
         """Reject goals above the limit."""
         if self._running.acquire(blocking=False):
             return GoalResponse.ACCEPT
-        limit = self._server.settings.max_long_predictions
-        self._server.log.warning(f"a goal was rejected: max_long_predictions allows {limit} at a time")
+        self._server.log.warning(f"a goal was rejected: {_MOST_GOALS} are computed already")
         return GoalResponse.REJECT
 
     def _execute(self, goal):
@@ -63,11 +61,9 @@ class LongPrediction:
         with self._server.errors_into(result.result):
             try:
                 with contextlib.closing(ClientProcess(participant, self._own_id())) as process:
+                    reporter = _Reporter(goal, participant, self._clients, process)
                     afterwards = self._server.answer(
-                        result,
-                        goal.request.request,
-                        progress=_Reporter(goal, participant, self._clients, process),
-                        limits=TimeLimits(self._server.settings.max_long_computation_time),
+                        result, goal.request.request, progress=reporter.progress, check=reporter.check
                     )
                 if afterwards is not None:
                     afterwards()
@@ -99,7 +95,7 @@ class LongPrediction:
 
 
 class _Reporter:
-    """Callback that publishes feedback, and ends the prediction if the client cancels it or disappears.
+    """Callbacks that publish feedback, and end the prediction if the client cancels it or disappears.
 
     Parameters
     ----------
@@ -119,7 +115,8 @@ class _Reporter:
         self._next = self._started
         self._first, self._next_check = clients(), self._started + _CLIENTS_PERIOD
 
-    def __call__(self, job, done, steps):
+    def check(self):
+        """Raise `CanceledError` if the client cancels the goal, or is gone."""
         if self._goal.is_cancel_requested:
             raise CanceledError("canceled", field="the client")
         now = time.perf_counter()
@@ -129,6 +126,11 @@ class _Reporter:
             self._first = self._first or now_there  # discovery takes a while
             if self._process.has_ended or (self._first and not self._first & now_there):
                 raise CanceledError("is gone", field="the client")
+
+    def progress(self, job, done, steps):
+        """Check the client, and publish feedback."""
+        self.check()
+        now = time.perf_counter()
         if now >= self._next:
             self._next = now + _FEEDBACK_PERIOD
             self._goal.publish_feedback(

@@ -23,7 +23,7 @@ import numpy as np
 from shape_msgs.msg import SolidPrimitive
 
 from unc_physics_msgs.msg import ModelInfo, ModelList
-from unc_physics_msgs.srv import ListModels, LoadModel
+from unc_physics_msgs.srv import LoadModel
 
 from ..checks.errors import (
     DuplicateIdError,
@@ -36,6 +36,7 @@ from ..checks.errors import (
     UncPhysicsError,
     UnknownModelError,
 )
+from ..checks.names import suggestion
 from ..checks.shown import counted, printable
 from ..scene.scene_file import load_shape
 from ..shapes.library import list_models
@@ -50,6 +51,8 @@ from .services import LATCHED, BackgroundService
 PACKING_TIMEOUT = 60.0
 #: Largest number of triangles of a mesh.
 MAX_TRIANGLES = 200_000
+#: Largest number of spheres with which a mesh is packed.
+MAX_SPHERES = 100_000
 #: Time for cutting a mesh into convex pieces in the background [s]; afterwards it keeps its hull.
 CUTTING_TIMEOUT = 60.0
 _CACHED_SHAPES = 256
@@ -75,6 +78,7 @@ class ModelLibrary:
         self._allow_paths = allow_paths
         self._lock = threading.Lock()
         self._paths: dict[str, Path] = {}
+        self._boxes: dict[str, SpherePacking] = {}
         self._shape = functools.lru_cache(maxsize=256)(load_shape)
         self.shape_packer = ShapePacker()
         self._scan()
@@ -104,24 +108,20 @@ class ModelLibrary:
         with self._lock:
             return dict(sorted(self._paths.items()))
 
-    def shape(
-        self, model: str, spheres: int = 0, scale: float = 0.0, max_spheres: int | None = None
-    ) -> SpherePacking:
+    def shape(self, model: str, spheres: int = 0, scale: float = 0.0) -> SpherePacking:
         """Return a model's first ``spheres`` (0: all), with lengths times ``scale`` (0: 1).
 
         Raises
         ------
-        UnknownModelError, InvalidModelError, LimitExceededError
+        UnknownModelError, InvalidModelError
         """
         if scale and not _SCALES[0] <= scale <= _SCALES[1]:
             raise InvalidModelError(
                 f"must be 0 or between {_SCALES[0]:g} and {_SCALES[1]:g}", field="scale", value=scale
             )
-        packing = self._shape(str(self._path(model)), spheres or None, scale or None)
-        if max_spheres is not None and len(packing) > max_spheres:
-            own = "" if spheres else f", and the model's {len(packing)} are more: give a number"
-            raise LimitExceededError(f"must be at most {max_spheres}{own}", field="spheres", value=spheres)
-        return packing
+        if (box := self._boxes.get(model)) is not None and model not in self._paths:
+            return box.scaled(scale or 1.0)
+        return self._shape(str(self._path(model)), spheres or None, scale or None)
 
     def _path(self, model):
         by_path = self._allow_paths and model.endswith(".npz") and model not in self._paths
@@ -132,13 +132,23 @@ class ModelLibrary:
         with self._lock:
             if model not in self._paths:
                 known = ", ".join(sorted(self._paths)) or "none"
-                problem = f"is unknown; the models are: {known}"
+                problem = f"is unknown{suggestion(model, self._paths)}; the models are: {known}"
                 if by_path:
                     problem = "is no file on the node's machine"
                 elif model.endswith(".npz"):
                     problem = "must be a name, as the parameter allow_model_paths is false"
                 raise UnknownModelError(problem, field="model", value=model)
             return self._paths[model]
+
+    def __contains__(self, model: str) -> bool:
+        """Return whether a model is known."""
+        if model not in self._paths and model not in self._boxes:
+            self._scan()
+        return model in self._paths or model in self._boxes
+
+    def add_box(self, name: str, size: tuple[float, float, float]) -> None:
+        """Add a box with edges [m] as a model, whose origin is its middle."""
+        self._boxes[name] = replace(primitive_model("box", size=size), name=name)
 
     def add(self, name: str, path: Path) -> None:
         """Add a model file; it replaces one of the same name."""
@@ -220,6 +230,8 @@ class ShapePacker:
         return self._packed(vertices, triangles, spheres or SPHERES, field, wait)
 
     def _packed(self, vertices, triangles, spheres, field, wait):
+        if spheres > MAX_SPHERES:
+            raise LimitExceededError(f"must be at most {MAX_SPHERES}", field="spheres", value=spheres)
         digest = hashlib.sha256(vertices.astype("<f8").tobytes() + triangles.astype("<i8").tobytes())
         key = f"{digest.hexdigest()}_{spheres}"
         with self._lock:
@@ -273,7 +285,7 @@ class ShapePacker:
 
 
 class ModelTopics:
-    """The services ``~/list_models`` and ``~/load_model``, and the latched topic ``~/models``."""
+    """The service ``~/load_model`` and the latched topic ``~/models``."""
 
     def __init__(self, server):
         self._server = server
@@ -282,16 +294,12 @@ class ModelTopics:
         self._lock = threading.Lock()
         self._loading = threading.Lock()
         self._publisher = server.node.create_publisher(ModelList, "~/models", LATCHED)
-        self._services = [
-            BackgroundService(server, ListModels, "~/list_models", self._list),
-            BackgroundService(server, LoadModel, "~/load_model", self._load),
-        ]
+        self._service = BackgroundService(server, LoadModel, "~/load_model", self._load)
         self._publish()
 
     def close(self):
         """Withdraw services and topic; a running packing continues."""
-        for service in self._services:
-            service.close()
+        self._service.close()
         self._server.node.destroy_publisher(self._publisher)
         self._packer.shutdown(wait=False, cancel_futures=True)
 
@@ -308,9 +316,6 @@ class ModelTopics:
         message.header.stamp = self._server.node.get_clock().now().to_msg()
         message.header.frame_id = self._server.settings.world_frame
         self._publisher.publish(message)
-
-    def _list(self, _, response):
-        response.models = self._infos()
 
     def _load(self, request, response):
         with self._server.errors_into(response.result), self._loading:
@@ -334,9 +339,8 @@ class ModelTopics:
             library.add(name, path)
             library.shape(name)
             return _info(library, name, path)
-        limit = self._server.settings.max_spheres
-        if request.spheres > limit:
-            raise LimitExceededError(f"must be at most {limit}", field="spheres", value=request.spheres)
+        if request.spheres > MAX_SPHERES:
+            raise LimitExceededError(f"must be at most {MAX_SPHERES}", field="spheres", value=request.spheres)
         name = request.name or path.stem
         self._refuse_taken(name, request.replace)
         solid = _solid(path)
@@ -345,9 +349,7 @@ class ModelTopics:
         )
         with self._lock:
             self._packing[name] = info
-        self._packer.submit(
-            self._pack, name, path, solid, request.spheres or min(_DEFAULT_MODEL_SPHERES, limit)
-        )
+        self._packer.submit(self._pack, name, path, solid, request.spheres or _DEFAULT_MODEL_SPHERES)
         return info
 
     def _refuse_taken(self, name, replace):

@@ -52,7 +52,7 @@ class NodeEnvironment:
 
     def is_missing(self, settings) -> bool:
         """Return whether objects would fall for ever with a node's settings, as nothing has set it."""
-        return settings.integrator != "explicit" and any(settings.gravity) and not self.is_set
+        return any(settings.gravity) and not self.is_set
 
     def check_set(self, settings, objects: str) -> None:
         """Raise `InvalidEnvironmentError` if it is missing; ``objects`` says which objects would fall."""
@@ -171,7 +171,7 @@ class EnvironmentTopics:
     def _take(self, environment):
         """Check an environment of the world frame, and take it over."""
         settings = self._server.settings
-        read_environment(environment, self._server.library.shape_packer, settings.max_elements)
+        read_environment(environment, self._server.library.shape_packer, settings.max_objects)
         self._server.environment.set(environment.elements)
         self.publish()
 

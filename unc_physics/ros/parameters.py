@@ -8,10 +8,10 @@ from __future__ import annotations
 import argparse
 import functools
 import math
+import re
 import sys
 from dataclasses import Field, dataclass, field, fields
-from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -20,20 +20,77 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from ..checks.errors import InvalidOptionError, UncPhysicsError
 from ..checks.names import removed, suggestion
-from ..checks.validation import non_negative
-from ..prediction.diagnosis import compared_rollouts
 from ..propagators.names import ANYTIME, REFERENCE
-from ..propagators.registry import PROPAGATORS, names_where
-from ..scene.materials import refuse_with_explicit
-from ..scene.physics_keys import INTEGRATORS, OVERLAPS, PHYSICS_KEYS, check_integrator
+from ..propagators.registry import PROPAGATORS
+from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.presets import PRESETS, certain, with_changes
-from ..scene.stiffness import AUTO
 from .messages.covariances import CovarianceDefaults
 
 _EVERYDAY = PRESETS["everyday"]
-_AUTO_OVERLAP = "auto"
 AXES = "x", "y", "z"
-_REJECTING = names_where(lambda propagator: propagator.supports.overlap_rejection)
+#: Points of a model's box that a detection's pose may be about.
+BASE, CENTER = "base", "center"
+#: Forms of the entries of lists.
+_ENTRIES = {
+    "class_models": re.compile(r"[^=]+=[^=@]+(@(base|center))?"),
+    "observed_objects": re.compile(r"[^=]+(=[^=]+)?"),
+    "symmetric_models": re.compile(r"[^:]+(:[xyz])?"),
+}
+_FORMS = {
+    "class_models": "CLASS=MODEL, CLASS=MODEL@base or CLASS=MODEL@center",
+    "observed_objects": "ID or ID=CLASS",
+    "symmetric_models": "MODEL, or MODEL:x, MODEL:y or MODEL:z",
+}
+
+
+_GONE = "was removed in version 0.3: "
+_PHYSICS_GONE = _GONE + "set it in 'physics' of a request"
+_LIMIT_GONE = _GONE + "the limits are max_horizon, max_objects, max_memory and max_computation_time"
+#: Parameters of earlier versions, and what to do instead.
+_REMOVED = {
+    **dict.fromkeys(("damping", "gyroscopic", "integrator", "overlap", "sleep", "stiffness"), _PHYSICS_GONE),
+    **dict.fromkeys(
+        (
+            "max_candidates",
+            "max_elements",
+            "max_long_computation_time",
+            "max_long_predictions",
+            "max_regions",
+            "max_response_bytes",
+            "max_return_samples",
+            "max_samples",
+            "max_spheres",
+            "max_states",
+            "max_steps",
+        ),
+        _LIMIT_GONE,
+    ),
+    "default_position_std": _GONE + "give both numbers of default_pose_std",
+    "default_orientation_std": _GONE + "give both numbers of default_pose_std",
+    "default_linear_velocity_std": _GONE + "give both numbers of default_twist_std",
+    "default_angular_velocity_std": _GONE + "give both numbers of default_twist_std",
+    "observed_models": _GONE + "write ID=MODEL in observed_objects",
+    "status_rollouts": _GONE + "leave it out",
+    "stream_max_computation_time": _GONE + "it is stream_time_budget",
+    "symmetry_axes": _GONE + "write MODEL:AXIS in symmetric_models",
+    "tracked_models": _GONE + "write ID=MODEL in observed_objects, and remap ~/observed/ID to the topic",
+    "tracked_topics": _GONE + "write ID=MODEL in observed_objects, and remap ~/observed/ID to the topic",
+    "tracking_members": _GONE + "leave it out",
+}
+
+
+class ClassModel(NamedTuple):
+    """Model of a detected class, and the point that a detection's pose is about.
+
+    Attributes
+    ----------
+    model : str
+    origin : str
+        ``base`` or ``center`` of the model's box; empty for the model's own origin.
+    """
+
+    model: str
+    origin: str = ""
 
 
 def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
@@ -92,26 +149,13 @@ class Settings:
         ANYTIME, "Propagator of requests that name none.", choices=tuple(PROPAGATORS)
     )
     dt: float = physics_key("dt", low=1e-6, high=1.0)
-    stiffness: float | str = physics_key("stiffness", AUTO)
-    damping: float = physics_key("damping", 0.0, low=0.0, high=1e3)
     gravity: tuple[float, ...] = physics_key("gravity")
-
     friction: float = physics_key("friction", low=0.0, high=100.0)
     restitution: float = physics_key("restitution", low=0.0, high=1.0)
     exact: bool = parameter(
         False,
         "Whether friction and restitution are certain, and impacts have no errors. Otherwise friction and"
         " restitution are those of unknown household objects where they are not set.",
-    )
-    gyroscopic: bool = physics_key("gyroscopic")
-    integrator: str = physics_key("integrator", choices=INTEGRATORS)
-    sleep: bool = physics_key("sleep", True)
-    overlap: str = parameter(
-        _AUTO_OVERLAP,
-        "Rule for the part of a belief in which objects overlap at the start: moved to the nearest"
-        f" poses without overlap ('project'), left out ('reject', by {_REJECTING} alone), or left in"
-        " ('keep'); 'auto': 'project' with 'implicit', and 'keep' with 'explicit', which has no other.",
-        choices=(_AUTO_OVERLAP, *OVERLAPS),
     )
     warm_up: tuple[str, ...] = parameter(
         (ANYTIME, REFERENCE),
@@ -128,61 +172,33 @@ class Settings:
         " ('default'), or exactly known ('exact').",
         choices=("default", "exact"),
     )
-    default_position_std: float = parameter(
-        0.01, "Standard deviation of an unknown position [m].", low=0.0, high=1e3
+    default_pose_std: tuple[float, ...] = parameter(
+        (0.01, 0.05), "Standard deviations of an unknown position [m] and orientation [rad]."
     )
-    default_orientation_std: float = parameter(
-        0.05, "Standard deviation of an unknown orientation [rad].", low=0.0, high=10.0
-    )
-    default_linear_velocity_std: float = parameter(
-        0.05, "Standard deviation of an unknown velocity [m/s].", low=0.0, high=1e3
-    )
-    default_angular_velocity_std: float = parameter(
-        0.1, "Standard deviation of an unknown angular velocity [rad/s].", low=0.0, high=1e3
-    )
-
-    status_rollouts: int = parameter(
-        0,
-        "Number of rollouts with which the status compares the spread of propagators with one nominal"
-        " rollout, and of chosen points that move unevenly or turn far; 24 more if these are not decisive. 0:"
-        " no comparison; the spread of one nominal rollout after a contact is then flagged as unchecked.",
-        low=0,
-        high=1000,
+    default_twist_std: tuple[float, ...] = parameter(
+        (0.05, 0.1), "Standard deviations of an unknown velocity [m/s] and angular velocity [rad/s]."
     )
 
     max_horizon: float = parameter(60.0, "Maximum horizon of a request [s].", low=0.0, high=1e6)
-    max_steps: int = parameter(
-        100_000, "Maximum number of time steps of a prediction.", low=1, high=100_000_000
-    )
-    max_objects: int = parameter(100, "Maximum number of objects of a request.", low=1, high=10_000)
-    max_spheres: int = parameter(100_000, "Maximum number of spheres of one object.", low=1, high=10_000_000)
-    max_elements: int = parameter(200, "Maximum number of elements of an environment.", low=0, high=10_000)
-    max_regions: int = parameter(100, "Maximum number of regions of a request.", low=0, high=10_000)
-    max_samples: int = parameter(
-        20_000,
-        "Maximum number of samples of a propagator; a larger default is lowered to it.",
+    max_objects: int = parameter(
+        200,
+        "Maximum number of objects, of elements of an environment, of regions, and of candidates, each.",
         low=1,
-        high=10_000_000,
+        high=10_000,
     )
-    max_states: int = parameter(
-        1_000, "Maximum number of states in the trajectory of one object.", low=1, high=100_000
-    )
-    max_return_samples: int = parameter(
-        1_000, "Maximum number of pose samples for each object and time.", low=0, high=1_000_000
-    )
-    max_response_bytes: int = parameter(
-        16_000_000,
-        "Maximum size of the states, samples and covariances of one answer [bytes].",
-        low=10_000,
-        high=2**31,
+    max_memory: float = parameter(
+        512.0,
+        "Maximum memory of an answer and the rollouts that it is computed from [MB].",
+        low=1.0,
+        high=1e6,
     )
     max_computation_time: float = parameter(
         30.0,
-        "Longest wall time of a prediction by service [s]; requests may ask for less.",
+        "Longest wall time of an answer by service [s]; requests may ask for less. Goals of the action take"
+        " as long as they ask for.",
         low=1e-3,
         high=1e6,
     )
-
     default_time_budget: float = parameter(
         1.0,
         f"Wall time after which {ANYTIME} adds no more rollouts to its first ones [s], in calls of ~/predict"
@@ -190,20 +206,12 @@ class Settings:
         low=0.0,
         high=1e6,
     )
-    max_long_computation_time: float = parameter(
-        600.0, "Longest wall time of a goal of the action [s]; goals may ask for less.", low=1e-3, high=1e6
-    )
-
-    max_candidates: int = parameter(100, "Maximum number of candidates of a request.", low=1, high=10_000)
-    max_long_predictions: int = parameter(
-        2, "Maximum number of goals of the action that are computed at a time.", low=1, high=4, read_only=True
-    )
 
     horizons: tuple[float, ...] = parameter(
         (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s]."
     )
     stream_propagator: str = parameter(ANYTIME, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
-    stream_max_computation_time: float = parameter(
+    stream_time_budget: float = parameter(
         0.0,
         "Wall time that a streamed scene is to take [s]; if one takes longer, later ones get fewer rollouts."
         " 0: half the time between inputs.",
@@ -235,36 +243,32 @@ class Settings:
         "Whether the poses of all streamed objects at that horizon are published on /tf, too, as frames "
         "ID_predicted in the world frame with the stamp of the scene. Needs tf2_msgs.",
     )
-    tracked_topics: tuple[str, ...] = parameter(
-        ("",), "Topics of PoseWithCovarianceStamped, each of a single tracked object.", read_only=True
-    )
-    tracked_models: tuple[str, ...] = parameter(
-        ("",), "Model of the object of each tracked topic.", read_only=True
-    )
     tracked_mass: float = parameter(
         1.0, "Mass of tracked and detected objects whose model gives none [kg].", low=1e-9, high=1e9
     )
 
+    class_models: tuple[str, ...] = parameter(
+        ("",),
+        "Models of detected classes: each CLASS=MODEL, or CLASS=MODEL@base or CLASS=MODEL@center where poses"
+        " are those of the middle of the model's base or box. Other classes are names of models.",
+        read_only=True,
+    )
     track: bool = parameter(
         False,
-        "Whether the node tracks the objects of ~/observations and ~/observed/ID: it keeps a belief about"
+        "Whether the node tracks the objects of ~/detections and ~/observed/ID: it keeps a belief about"
         " them through contact and occlusion, publishes it on ~/tracked, and predicts from it.",
         read_only=True,
     )
     observed_objects: tuple[str, ...] = parameter(
         ("",),
-        "Ids of objects that are observed on topics of PoseWithCovarianceStamped, ~/observed/ID, with _ in"
-        " place of what a topic's name cannot hold.",
+        "Objects that are observed on topics of PoseWithCovarianceStamped, ~/observed/ID, with _ in place of"
+        " what a topic's name cannot hold: each ID, or ID=CLASS where ID is no class or model.",
         read_only=True,
     )
-    observed_models: tuple[str, ...] = parameter(("",), "Model of each of those objects.", read_only=True)
     symmetric_models: tuple[str, ...] = parameter(
-        ("",), "Models that look the same at every angle about an axis.", read_only=True
-    )
-    symmetry_axes: tuple[str, ...] = parameter(
         ("",),
-        "Axis of symmetry of each of these models, in the model's coordinates.",
-        choices=AXES,
+        "Models that look the same at every angle about an axis: each MODEL, or MODEL:AXIS with x, y or z"
+        " in the model's coordinates, which is z otherwise.",
         read_only=True,
     )
     association: str = parameter(
@@ -287,9 +291,6 @@ class Settings:
     )
     tracking_window: float = parameter(
         0.5, "Largest delay of an observation [s].", low=1e-3, high=60.0, read_only=True
-    )
-    tracking_members: int = parameter(
-        64, "Number of rollouts of the tracker.", low=8, high=10_000, read_only=True
     )
     tracked_rate: float = parameter(
         10.0,
@@ -327,7 +328,6 @@ class Settings:
     )
 
     def __post_init__(self):
-        check_integrator(self.integrator)
         for spec in fields(self):
             value = getattr(self, spec.name)
             chosen = value if isinstance(value, tuple) else (value,)
@@ -336,16 +336,10 @@ class Settings:
             choices = spec.metadata["choices"]
             if choices and not set(chosen) <= {*choices, *([""] if isinstance(value, tuple) else [])}:
                 raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
-        object.__setattr__(self, "stiffness", _stiffness(self.stiffness))
-        compared_rollouts(self.status_rollouts, "status_rollouts")
-        if self.integrator == "explicit":
-            refuse_with_explicit(SimpleNamespace(**self.physics))
-        elif self.stiffness != AUTO:
-            raise InvalidOptionError(
-                f"must be '{AUTO}' with 'integrator: implicit', whose contacts are rigid",
-                field="stiffness",
-                value=self.stiffness,
-            )
+        for name in ("default_pose_std", "default_twist_std"):
+            value = getattr(self, name)
+            if len(value) != 2 or min(value) < 0.0:
+                raise InvalidOptionError("must have 2 numbers, at least 0", field=name, value=list(value))
         if len(self.gravity) != 3:
             raise InvalidOptionError("must have 3 numbers", field="gravity", value=list(self.gravity))
         if not self.horizons or min(self.horizons) <= 0.0 or max(self.horizons) > self.max_horizon:
@@ -354,66 +348,53 @@ class Settings:
                 field="horizons",
                 value=list(self.horizons),
             )
-        for names, partners, partner in (
-            ("tracked_topics", "tracked_models", "a model"),
-            ("observed_objects", "observed_models", "a model"),
-            ("symmetric_models", "symmetry_axes", "an axis"),
-        ):
-            count, given = len(getattr(self, names)), getattr(self, partners)
-            if len(given) != count:
-                raise InvalidOptionError(
-                    f"must name {partner} for each of the {count} {names}", field=partners, value=list(given)
-                )
-            if partner == "a model" and (
-                open_ones := [n for n, p in zip(getattr(self, names), given) if n and not p]
-            ):
-                raise InvalidOptionError(
-                    f"must name a model for '{open_ones[0]}' of {names}", field=partners, value=list(given)
-                )
-        topics = [("tracked_topics", topic) for topic in self.tracked_topics]
-        for name, topic in [*topics, ("planning_scene_topic", self.planning_scene_topic)]:
-            try:
-                if topic:
-                    validate_topic_name(topic)
-            except InvalidTopicNameException:
-                raise InvalidOptionError("is no name of a topic", field=name, value=topic) from None
+        for name in ("class_models", "observed_objects", "symmetric_models"):
+            for entry in filter(None, getattr(self, name)):
+                if not _ENTRIES[name].fullmatch(entry):
+                    raise InvalidOptionError(f"must be {_FORMS[name]}", field=name, value=entry)
+        try:
+            if self.planning_scene_topic:
+                validate_topic_name(self.planning_scene_topic)
+        except InvalidTopicNameException:
+            raise InvalidOptionError(
+                "is no name of a topic", field="planning_scene_topic", value=self.planning_scene_topic
+            ) from None
         if not self.world_frame:
             raise InvalidOptionError("must not be empty", field="world_frame")
 
     @functools.cached_property
     def covariance_defaults(self) -> CovarianceDefaults:
         """Defaults of unknown covariances, and the meaning of zero covariances."""
-        return CovarianceDefaults.from_stds(
-            self.default_position_std,
-            self.default_orientation_std,
-            self.default_linear_velocity_std,
-            self.default_angular_velocity_std,
-            self.zero_covariance == "exact",
-        )
+        stds = *self.default_pose_std, *self.default_twist_std
+        return CovarianceDefaults.from_stds(*stds, zero_is_exact=self.zero_covariance == "exact")
 
     @functools.cached_property
     def physics(self) -> dict:
         """Physics of the scenes, as arguments of `Scene`."""
-        overlap = None if self.overlap == _AUTO_OVERLAP else self.overlap
-        given = {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)}
-        given |= {"overlap": overlap, "sleep": self.sleep and self.integrator != "explicit"}
+        given = {key: getattr(self, key) for key in PHYSICS_KEYS if hasattr(self, key)} | {"sleep": True}
         # a friction or restitution that was set is exact
         unchanged = [key for key in ("friction", "restitution") if getattr(self, key) == _EVERYDAY[key]]
         changes = {key: value for key, value in given.items() if key not in unchanged}
         return with_changes(certain(_EVERYDAY) if self.exact else _EVERYDAY, changes)
 
+    @functools.cached_property
+    def classes(self) -> dict[str, ClassModel]:
+        """Models of detected classes by the classes."""
+        entries = (entry.partition("=") for entry in filter(None, self.class_models))
+        parts = ((name, *model.partition("@")) for name, _, model in entries)
+        return {name: ClassModel(model, origin) for name, model, _, origin in parts}
 
-def _stiffness(value):
-    """Return a number or 'auto'; YAML, and so `ros2 param set`, reads 1e6 as a string."""
-    if value == AUTO:
-        return value
-    try:
-        value = float(value) if isinstance(value, str) else value
-    except ValueError:
-        pass
-    if isinstance(value, str | bool | tuple):
-        raise InvalidOptionError(f"must be a number or '{AUTO}'", field="stiffness", value=value)
-    return non_negative(value, "stiffness", InvalidOptionError)
+    @functools.cached_property
+    def observed(self) -> dict[str, str]:
+        """Classes of the objects with topics of their own, by id."""
+        parts = (entry.partition("=") for entry in filter(None, self.observed_objects))
+        return {name: kind or name for name, _, kind in parts}
+
+    @functools.cached_property
+    def symmetries(self) -> dict[str, str]:
+        """Axes of symmetric models by the models."""
+        parts = (entry.rpartition(":") for entry in filter(None, self.symmetric_models))
+        return {model or last: last if model else AXES[-1] for model, _, last in parts}
 
 
 def descriptor(spec: Field) -> ParameterDescriptor:
@@ -422,7 +403,6 @@ def descriptor(spec: Field) -> ParameterDescriptor:
     result = ParameterDescriptor(
         description=meta["description"],
         read_only=meta["read_only"],
-        dynamic_typing=spec.name == "stiffness",
         additional_constraints=f"one of {', '.join(meta['choices'])}" if meta["choices"] else "",
     )
     if meta["low"] is not None:
@@ -442,7 +422,7 @@ class ParameterServer:
         # rclpy has no public name for what is given at the start; without it there are no such errors
         self._given = getattr(node, "_parameter_overrides", {})
         for name in self._given:
-            if problem := removed(name):
+            if problem := _REMOVED.get(name) or removed(name):
                 raise InvalidOptionError(problem, field=name)
         values = {}
         for spec in fields(Settings):

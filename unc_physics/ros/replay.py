@@ -20,7 +20,7 @@ from unc_physics_msgs.msg import Prediction, Scene
 
 from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
 from ..prediction.request_checks import marks_of
-from .detected import detected_object, scene_of_detections, settle_detected
+from .detected import detected_object, read_detections, settle_detected
 from .messages.fields import pose_message, xyz, xyzw
 from .messages.frames import Frames
 from .messages.prediction import write_answer
@@ -158,7 +158,6 @@ def replay(
                 continue
             after = sorted(times[near] - times[k] for near in later)
             request = request_of(scene, settings)
-            request.wait_for_compilation = True
             job = read_request(request, settings, library, Frames(), environment_of=environment.around)
             job = replace(job, marks=marks_of(job.scene, None, after))
             answer = Prediction()
@@ -181,12 +180,15 @@ def _scene(kind, message, library, settings, model) -> tuple[Scene, dict[str, st
     Parts of the message may be of another reader's types.
     """
     if kind == POSE:
-        own = detected_object("object", model, _pose(message.pose), library, settings.tracked_mass)
+        own = detected_object("object", model, _pose(message.pose), library, settings)
         return Scene(objects=[own]), {}
     for detection in message.detections:
         for result in detection.results:
             result.pose = _pose(result.pose)
-    return scene_of_detections(message, library, settings.tracked_mass, header=Scene().header)
+        if (box := getattr(detection, "bbox", None)) is not None:
+            detection.bbox.center = pose_message(xyz(box.center.position), xyzw(box.center.orientation))
+    found = read_detections(message, library, settings)
+    return Scene(objects=found.objects), dict(found.skipped)
 
 
 def _pose(message) -> PoseWithCovariance:
@@ -202,8 +204,8 @@ def _outcomes(answer, place, scene, horizon, settings):
         if (own := later.get(predicted.id)) is None:
             continue
         state = predicted.states[place].pose
-        error = np.subtract(xyz(own.pose.position), xyz(state.pose.position))
-        read = settings.covariance_defaults.known_pose(own.belief.pose_covariance, "pose.covariance")
+        error = np.subtract(xyz(own.pose.pose.position), xyz(state.pose.position))
+        read = settings.covariance_defaults.known_pose(own.pose.covariance, "pose.covariance")
         measured = read.with_unmeasured()
         P = (np.reshape(state.covariance, (6, 6)) + measured)[:3, :3]
         found.append(

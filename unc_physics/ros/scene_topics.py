@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import functools
+import re
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -18,7 +20,7 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import Scene
 
 from ..checks.errors import UncPhysicsError
-from .detected import Detection3DArray, detected_object, scene_of_detections, settle_detected
+from .detected import Detection3DArray, Detections, detected_object, read_detections, settle_detected
 from .messages.clocks import on_clock_jump, stamp_problem
 from .messages.frames import Frames
 from .models import ModelLibrary
@@ -87,24 +89,15 @@ class SceneTopics:
         self._frames, self._work, self._replaced = frames, work, replaced
         self._waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
         self._sources: list[_StreamSource] = []
-        self._tracked: dict[str, Any] = {}  # header and state of each topic's newest pose
+        self._single: dict[str, Detections] = {}  # newest detection of each object's own topic
         self._subscriptions = []
         self._subscribe(Scene, "~/scene", self._source(detected=False).put)
-        settings = parameters.settings
-        topics = [
-            pair for pair in zip(settings.tracked_topics, settings.tracked_models, strict=True) if pair[0]
-        ]
-        if topics:
-            self._of_trackers = self._source(detected=True)
-        for topic, model in topics:
-            self._subscribe(
-                PoseWithCovarianceStamped,
-                topic,
-                lambda message, topic=topic, model=model: self._track(topic, model, message),
+        if not parameters.settings.track:
+            self._of_trackers, self._of_detectors = self._source(detected=True), self._source(detected=True)
+            self._detections = DetectionTopics(
+                node, parameters, library, self._of_one, self._of_many, depth=1
             )
-        if Detection3DArray is not None:
-            self._of_detectors = self._source(detected=True)
-            self._subscribe(Detection3DArray, "~/detections", self._detect)
+            self._subscriptions += self._detections.subscriptions
         self._jumps = on_clock_jump(node, self._jumped)
 
     def _subscribe(self, kind, topic, callback):
@@ -127,29 +120,83 @@ class SceneTopics:
         """Forget what belongs to the time before a jump of the clock."""
         self._node.get_logger().warning("the clock changed or jumped back: transforms and streams start anew")
         self._frames.clear()
-        self._tracked.clear()
+        self._single.clear()
         for source in self._sources:
             source.pace.reset()
 
-    def _track(self, topic, model, message):
-        """Pass on the scene of all currently tracked objects."""
-        settings = self._parameters.settings
-        state = detected_object(topic, model, message.pose, self._library, settings.tracked_mass)
-        self._tracked[topic] = message.header, state
-        frame = message.header.frame_id
+    def _of_one(self, found):
+        """Pass on the scene of all objects with topics of their own, as they are now."""
+        settings, header = self._parameters.settings, found.header
+        self._single[found.objects[0].id] = found
         objects = [
-            state
-            for header, state in self._tracked.values()
-            if header is message.header
-            or (header.frame_id == frame and stamp_problem(self._node, header.stamp, settings) is None)
+            own
+            for other in self._single.values()
+            if other is found
+            or (
+                other.header.frame_id == header.frame_id
+                and stamp_problem(self._node, other.header.stamp, settings) is None
+            )
+            for own in other.objects
         ]
         # marked as at rest or not for this scene alone
-        self._of_trackers.put(Scene(header=message.header, objects=copy.deepcopy(objects)))
+        self._of_trackers.put(Scene(header=header, objects=copy.deepcopy(objects)))
 
-    def _detect(self, detections):
+    def _of_many(self, found):
         """Pass on the scene of all detections."""
-        settings = self._parameters.settings
-        self._of_detectors.put(*scene_of_detections(detections, self._library, settings.tracked_mass))
+        self._of_detectors.put(Scene(header=found.header, objects=found.objects), found.skipped)
+
+
+class DetectionTopics:
+    """Topics of detections: ``~/detections``, and ``~/observed/ID`` for each of `Settings.observed`.
+
+    Parameters
+    ----------
+    node : rclpy Node
+    parameters : ParameterServer
+    library : ModelLibrary
+    of_one, of_many : callable
+        Take the `Detections` of a topic of one object, and of an array.
+    depth : int
+        Number of messages of a topic that wait in the middleware.
+
+    Attributes
+    ----------
+    subscriptions : list
+    """
+
+    def __init__(
+        self,
+        node,
+        parameters: ParameterServer,
+        library: ModelLibrary,
+        of_one: Callable[[Detections], object],
+        of_many: Callable[[Detections], object],
+        depth: int,
+    ):
+        def one(name, kind, message):
+            state = detected_object(name, kind, message.pose, library, parameters.settings)
+            of_one(Detections(message.header, [state], {name}, {}))
+
+        self.subscriptions = [
+            subscribe(
+                node,
+                PoseWithCovarianceStamped,
+                f"~/observed/{topic_name(name)}",
+                functools.partial(one, name, kind),
+                depth,
+            )
+            for name, kind in parameters.settings.observed.items()
+        ]
+        if Detection3DArray is not None:
+            self.subscriptions.append(
+                subscribe(
+                    node,
+                    Detection3DArray,
+                    "~/detections",
+                    lambda message: of_many(read_detections(message, library, parameters.settings)),
+                    depth,
+                )
+            )
 
 
 class _StreamSource:
@@ -267,6 +314,12 @@ class LatestWorker:
                     return
                 item = self._items.pop()
             self._work(item)
+
+
+def topic_name(text: str) -> str:
+    """Return a text as the last part of a topic name."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    return name if name[:1].isalpha() else f"_{name}"
 
 
 def subscribe(node, kind: type, topic: str, callback: Callable, depth: int = 1):

@@ -5,19 +5,22 @@ from __future__ import annotations
 import contextlib
 import copy
 import functools
+import math
 import os
 import threading
 import time
 import traceback
 from collections.abc import Callable
+from concurrent import futures
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from unc_physics_msgs.msg import Prediction as PredictionMessage
 from unc_physics_msgs.msg import PredictionRequest, Result
-from unc_physics_msgs.srv import ListModels, Predict
+from unc_physics_msgs.srv import GetCapabilities, Predict
 
-from ..checks.errors import CanceledError, ErrorCode, NotReadyError, UncPhysicsError
+from ..checks.errors import CanceledError, ErrorCode, InvalidOptionError, NotReadyError, UncPhysicsError
+from ..checks.names import hint
 from ..checks.shown import printable
 from ..compiler.compile_time import FIRST_USE
 from ..compiler.refusal import CompilationRefused, refused_compilation
@@ -29,7 +32,7 @@ from .candidates import CandidatesService
 from .diagnostics import Diagnostics, LibraryLog, ThrottledWarnings
 from .long_prediction import LongPrediction
 from .markers import MarkerTopic
-from .messages.fields import write_error
+from .messages.fields import seconds, write_error
 from .messages.frames import Frames
 from .messages.prediction import write_answer
 from .messages.request import UNLIMITED, Job, RequestedOutputs, TimeLimits, as_sent, read_request
@@ -46,6 +49,7 @@ _INTERFACES = (ModelTopics, EnvironmentTopics, CapabilitiesService, CandidatesSe
 # upper limit; predictions run in numba's threads, these mostly wait, for example for a transform
 _THREADS = 64
 _COMPILED_ANSWER = 1.0  # s, of computation for an answer that only compiles
+_CHECK_PERIOD = 0.1  # s, between checks of a request that waits for a kernel
 _DELIVERY = 0.3  # s, that services stay after an answer
 _LONG_WARM_UP = 5.0  # s, warm-up of one propagator that is logged
 
@@ -76,7 +80,8 @@ class PredictionServer:
         self.answered = 0.0  # time of the newest answer that a thread of the pool sent [s]
         self._warned_zeros = self._warned_misspelt = False
         self._opened, self._lock = threading.Lock(), threading.Lock()
-        self._compiling: set[str] = set()  # kernels for which a request is answered in the background
+        self._compiler: Any = None  # a thread that compiles for requests, after `open`
+        self._compiling: dict[str, futures.Future] = {}  # by kernel
         self._open = []
 
     @property
@@ -95,6 +100,7 @@ class PredictionServer:
         self.library = ModelLibrary(self.settings.models_dir, self.settings.allow_model_paths)
         if (folder := self.settings.models_dir) and not os.path.isdir(os.path.expanduser(folder)):
             self.log.warning(f"models_dir is no folder: {printable(folder)}")
+        self._check_models()
         if self.settings.environment:
             self.environment.load(os.path.expanduser(self.settings.environment))
         names = [name for name in self.settings.warm_up if name]
@@ -104,11 +110,25 @@ class PredictionServer:
         )
         _warm_up(self.settings, self._log_warm)
         if self.settings.track:
-            core.warm_up((REFERENCE,), _physics(self.settings), warm_up_tracker)
+            core.warm_up((REFERENCE,), self.settings.physics, warm_up_tracker)
         self.log.info(
             f"warmed up in {time.perf_counter() - started:.1f} s; models:"
             f" {', '.join(self.library.paths) or 'none'}"
         )
+
+    def _check_models(self):
+        """Raise an error for classes in the parameters whose model is unknown."""
+        settings = self.settings
+        named = [
+            ("observed_objects", settings.classes.get(kind, (kind,))[0])
+            for kind in settings.observed.values()
+        ]
+        for parameter, model in [*named, *(("class_models", own.model) for own in settings.classes.values())]:
+            if model not in self.library:
+                known = self.library.paths
+                raise InvalidOptionError(
+                    f"names an unknown model{hint(model, known)}", field=parameter, value=model
+                )
 
     def _log_warm(self, name, seconds):
         if seconds > _LONG_WARM_UP:
@@ -123,7 +143,8 @@ class PredictionServer:
             )
             self.diagnostics, self.markers = Diagnostics(self), MarkerTopic(self, "~/markers")
             self.pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="requests")
-            self.deferred_answers = DeferredAnswerCheck(self, ListModels, "~/list_models")
+            self._compiler = ThreadPoolExecutor(1, thread_name_prefix="compilation")
+            self.deferred_answers = DeferredAnswerCheck(self, GetCapabilities, "~/get_capabilities")
             self._open = [self.deferred_answers, self.diagnostics, self.markers]
             for interface in _INTERFACES:
                 self._open.append(interface(self))
@@ -154,6 +175,7 @@ class PredictionServer:
         with self._opened:
             if self.pool is not None:
                 self.pool.shutdown()
+                self._compiler.shutdown(cancel_futures=True)
             # the middleware loses an answer if its service is gone before the client has read it
             time.sleep(max(0.0, self.answered + _DELIVERY - time.monotonic()))
             while self._open:
@@ -243,6 +265,8 @@ class PredictionServer:
         progress=None,
         limits: TimeLimits = UNLIMITED,
         fields: FieldNames | None = None,
+        check: Callable[[], object] = lambda: None,
+        compiles: bool = False,
     ) -> Callable[[], None] | None:
         """Predict and write the answer or the error into ``message``; never raises.
 
@@ -258,51 +282,90 @@ class PredictionServer:
         limits : TimeLimits, optional
         fields : FieldNames, optional
             As for `read`.
+        check : callable, optional
+            Called periodically while another thread compiles; an exception from it ends the waiting.
+        compiles : bool
+            Whether this thread compiles kernels that are missing. Otherwise it waits for a thread that does,
+            as long as the prediction may take.
         """
         with self.errors_into(message.result):
-            settings, header = self.settings, request.scene.header
+            asked = seconds(request.max_computation_time)
+            longest = min(asked or math.inf, math.inf if limits.limit is None else limits.limit)
+            end, waited = time.monotonic() + longest, set()
+            while True:
+                try:
+                    with refused_compilation(not compiles):
+                        return self._answer(message, request, progress, limits, fields)
+                except CompilationRefused as refused:
+                    message.prediction = PredictionMessage()
+                    compiles = str(refused) in waited  # the other thread did not get as far as this kernel
+                    waited.add(str(refused))
+                    if not compiles:
+                        self._wait_for_kernel(request, str(refused), end, check)
+
+    def _answer(self, message, request, progress, limits, fields):
+        """Predict, write the answer into ``message``, and return a function that publishes the markers."""
+        settings, header = self.settings, request.scene.header
+        try:
+            job = self.read(request, limits=limits, fields=fields)
             try:
-                with refused_compilation(not request.wait_for_compilation):
-                    job = self.read(request, limits=limits, fields=fields)
-                    try:
-                        write_answer(message.prediction, header, settings, job, self.predict(job, progress))
-                        return functools.partial(self.markers.publish, header, job, message.prediction)
-                    except UncPhysicsError as error:
-                        if error.prediction is not None:
-                            write_answer(message.prediction, header, settings, job, error.prediction)
-                        raise
-            except CompilationRefused as refused:
-                message.prediction = PredictionMessage()
-                self._compile_for(request, str(refused))
-                raise NotReadyError(
-                    f"is being compiled for this request (kernel '{refused}'), which takes {FIRST_USE};"
-                    " ask again, or set wait_for_compilation",
-                    field="the node",
-                ) from None
+                write_answer(message.prediction, header, settings, job, self.predict(job, progress))
             except UncPhysicsError as error:
-                raise as_sent(error, request) from None
+                if error.prediction is not None:
+                    write_answer(message.prediction, header, settings, job, error.prediction)
+                raise
+        except UncPhysicsError as error:
+            raise as_sent(error, request) from None
+        return functools.partial(self.markers.publish, header, job, message.prediction)
 
-    def _compile_for(self, request, kernel):
-        """Compile in the background what a request needs, by answering it."""
+    def _wait_for_kernel(self, request, kernel, end, check):
+        """Wait until a kernel of a request is compiled in the background.
+
+        Parameters
+        ----------
+        request : PredictionRequest
+        kernel : str
+        end : float
+            Latest time, on the monotonic clock [s].
+        check : callable
+            Called periodically; an exception from it ends the waiting.
+
+        Raises
+        ------
+        NotReadyError
+            At the latest time.
+        """
+        compiled = self._compile_for(request, kernel)
+        while not compiled.done():
+            self.check_open()
+            check()
+            if (left := end - time.monotonic()) <= 0.0:
+                raise NotReadyError(
+                    f"still compiles kernel '{kernel}' for this request, which takes {FIRST_USE}; ask again,"
+                    " or start the node with its propagator in the parameter warm_up",
+                    field="the node",
+                )
+            futures.wait([compiled], min(left, _CHECK_PERIOD))
+
+    def _compile_for(self, request, kernel) -> futures.Future:
+        """Return the future of the compilation of what a request needs, by answering it in the background."""
         with self._lock:
-            if kernel in self._compiling or self.pool is None or self.ending is not None:
-                return
-            self._compiling.add(kernel)
-        pool, request = self.pool, copy.deepcopy(request)
-        request.wait_for_compilation = True
+            self.check_open()
+            if kernel in self._compiling:
+                return self._compiling[kernel]
+            compiled = self._compiler.submit(self._compile, copy.deepcopy(request), kernel)
+            self._compiling[kernel] = compiled
+        return compiled
 
-        def work():
-            began, message = time.perf_counter(), Predict.Response()
-            self.log.info(f"compiling for a request: kernel '{kernel}' and what else it needs")
-            try:
-                self.answer(message, request, limits=TimeLimits(_COMPILED_ANSWER))
-            finally:
-                with self._lock:
-                    self._compiling.discard(kernel)
-            self.log.info(f"compiled in {time.perf_counter() - began:.1f} s")
-
-        with contextlib.suppress(RuntimeError):  # the node is closing
-            pool.submit(work)
+    def _compile(self, request, kernel):
+        began = time.perf_counter()
+        self.log.info(f"compiling for a request: kernel '{kernel}' and what else it needs")
+        try:
+            self.answer(Predict.Response(), request, limits=TimeLimits(_COMPILED_ANSWER), compiles=True)
+        finally:
+            with self._lock:
+                self._compiling.pop(kernel, None)
+        self.log.info(f"compiled in {time.perf_counter() - began:.1f} s")
 
     @contextlib.contextmanager
     def errors_to(self, report: Callable[[str], object]):
@@ -351,8 +414,4 @@ def _warm_up(settings, done: Callable[[str, float], object]) -> None:
         begun, before = time.perf_counter(), begun
         done(propagator.name, begun - before)
 
-    core.warm_up(filter(None, settings.warm_up), _physics(settings), answer)
-
-
-def _physics(settings):
-    return settings.physics | {"stiffness": settings.stiffness}
+    core.warm_up(filter(None, settings.warm_up), settings.physics, answer)

@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from unc_physics_msgs.msg import OptionInfo, PropagatorInfo, Result
+from unc_physics_msgs.msg import PropagatorInfo, Result
 from unc_physics_msgs.srv import GetCapabilities
 
 from .. import __version__
@@ -41,11 +41,8 @@ _FEATURES = [
     "restitution",
     "gyroscopic",
     "parameter_uncertainty",
-    "contact_probabilities",
-    "region_probabilities",
-    "rest_probability",
-    "upright_probability",
-    "fall_probability",
+    "events",
+    "stability",
     "status",
     "joint_covariance",
     "modes",
@@ -204,19 +201,14 @@ class DeferredAnswerCheck:
         self._end_client()
 
 
-class CapabilitiesService:
+class CapabilitiesService(BackgroundService):
     """The service ``~/get_capabilities``: propagators, options, limits and versions."""
 
     def __init__(self, server):
         self._server = server
-        self._service = server.node.create_service(GetCapabilities, "~/get_capabilities", self._answer)
-        introspect(self._service, server)
+        super().__init__(server, GetCapabilities, "~/get_capabilities", self._capabilities)
 
-    def close(self):
-        """Withdraw the service."""
-        self._server.node.destroy_service(self._service)
-
-    def _answer(self, _, response):
+    def _capabilities(self, _, response):
         settings = self._server.settings
         response.propagators = [propagator_info(cls) for cls in PROPAGATORS.values()]
         response.default_propagator = settings.default_propagator
@@ -242,7 +234,6 @@ class CapabilitiesService:
             "rmw": get_rmw_implementation_identifier(),
         }
         response.versions = [KeyValue(key=key, value=value) for key, value in versions.items()]
-        return response
 
 
 def propagator_info(cls) -> PropagatorInfo:
@@ -262,11 +253,9 @@ def propagator_info(cls) -> PropagatorInfo:
         parameter_uncertainty=set(UNCERTAIN_PARAMETERS) <= set(cls.supports.parameters),
         rejects_overlap=cls.supports.overlap_rejection,
         options=[
-            OptionInfo(
-                name=option.name,
-                type=_option_type(option),
-                default_value=str(option.default),
-                description=option.description,
+            KeyValue(
+                key=option.name,
+                value=f"{_option_type(option)}, default {option.default}: {option.description}",
             )
             for option in cls.described_options()
         ],

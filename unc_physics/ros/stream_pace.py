@@ -39,7 +39,7 @@ class Pace:
         Parameters
         ----------
         asked : float
-            The parameter ``stream_max_computation_time`` [s]; 0: half the input's period.
+            The parameter ``stream_time_budget`` [s]; 0: half the input's period.
         """
         if asked:
             return asked

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,7 +22,7 @@ from .messages.prediction import write_answer
 from .messages.request import TimeLimits
 from .messages.scene import AllSkippedError
 from .parameters import Settings
-from .scene_topics import OVERRIDABLE, SceneTopics, prepared
+from .scene_topics import OVERRIDABLE, SceneTopics, prepared, topic_name
 
 #: End of the names of frames of predicted and of tracked objects, after the object's id.
 PREDICTED, TRACKED = "_predicted", "_tracked"
@@ -71,7 +70,7 @@ class Stream:
     def _work(self, streamed):
         """Predict a scene, and adapt the rollouts of later ones to the time that it took."""
         began = time.perf_counter()
-        limit = streamed.pace.limit(self._server.settings.stream_max_computation_time)
+        limit = streamed.pace.limit(self._server.settings.stream_time_budget)
         published = self._predict(streamed, limit)
         took = time.perf_counter() - began
         streamed.pace.took(took, limit)
@@ -194,12 +193,6 @@ def request_of(scene: Scene, settings: Settings) -> PredictionRequest:
         return_probabilities=settings.stream_probabilities,
         skip_invalid_objects=True,
     )
-
-
-def topic_name(text: str) -> str:
-    """Return a text as the last part of a topic name."""
-    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
-    return name if name[:1].isalpha() else f"_{name}"
 
 
 class TransformTopic:

@@ -6,60 +6,40 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any
 
 from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import ActionArray, ObjectState, Prediction, TrackedObjects
+from unc_physics_msgs.msg import ActionArray, Prediction, TrackedObjects
 from unc_physics_msgs.srv import Fork, Reset
 
-from ..checks.errors import CanceledError, DivergedError, PredictionTimeoutError, UncPhysicsError
+from ..checks.errors import CanceledError, DivergedError, PredictionTimeoutError
 from ..checks.names import hint
 from ..compiler.compile_time import clock
 from ..prediction.prediction import Prediction as CorePrediction
 from ..prediction.request_checks import marks_of
-from .detected import Detection3DArray, detected_object, scene_of_detections
+from .detected import Detection3DArray, Detections
 from .diagnostics import ThrottledWarnings
 from .messages.clocks import on_clock_jump, stamp_age, stamp_problem
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
 from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_marks
 from .node_environment import HOW_TO_SET
-from .scene_topics import LatestWorker, subscribe
+from .scene_topics import DetectionTopics, LatestWorker
 from .services import BackgroundService
-from .streams import TRACKED, TransformTopic, topic_name
+from .streams import TRACKED, TransformTopic
 from .tracks import Tracks
 
+#: Topic of the paths of prescribed objects.
+ACTIONS = "~/robot_motion"
 _DEPTH = 20  # observations of a source that wait in the middleware
 _PENDING = 100  # observations that wait for the tracker
 _WAITING = 16  # of them, for a transform
 #: Longest time that one call of the tracker computes [s]; a tracker that needs more never catches up.
 _LONGEST_STEP = 1.0
-
-
-class ReceivedObservation(NamedTuple):
-    """Message of a source.
-
-    Attributes
-    ----------
-    header : Header
-    objects : sequence of ObjectState
-        In the frame of the header.
-    named : collection of str
-        Ids among theirs that the source gave.
-    skipped : mapping of str
-        Reasons of observations that were left out, by id.
-    """
-
-    header: Header
-    objects: Sequence[ObjectState]
-    named: Collection[str]
-    skipped: Mapping[str, str]
 
 
 class Tracking:
@@ -77,7 +57,6 @@ class Tracking:
 
     def __init__(self, server, stream):
         self._server, self._stream, node = server, stream, server.node
-        settings = server.settings
         self._warn = ThrottledWarnings(server.log)
         self._call = threading.local()  # end of the tracker's present call in each thread [s]
         self._tracks = Tracks(server.library, server.environment, self._check)
@@ -97,22 +76,18 @@ class Tracking:
             BackgroundService(server, Fork, "~/fork", self._fork),
             BackgroundService(server, Reset, "~/reset", self._reset),
         ]
-        self._subscriptions = []
-        for name, model in zip(settings.observed_objects, settings.observed_models, strict=True):
-            if name:
-                self._subscribe(
-                    PoseWithCovarianceStamped,
-                    f"~/observed/{topic_name(name)}",
-                    lambda message, name=name, model=model: self._observed(name, model, message),
-                )
         if Detection3DArray is None:
-            server.log.warning("vision_msgs is not installed: the tracker has no topic ~/observations")
-        else:
-            self._subscribe(Detection3DArray, "~/observations", self._detected)
-        self._subscriptions.append(node.create_subscription(ActionArray, "~/actions", self._acted, _DEPTH))
+            server.log.warning("vision_msgs is not installed: there is no topic ~/detections")
+        detections = DetectionTopics(
+            node, server.parameters, server.library, self._receive, self._receive, _DEPTH
+        )
+        self._subscriptions = [
+            *detections.subscriptions,
+            node.create_subscription(ActionArray, ACTIONS, self._acted, _DEPTH),
+        ]
         # a steady clock, as simulated time may stop
         self._timer = node.create_timer(
-            1.0 / settings.tracked_rate, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            1.0 / server.settings.tracked_rate, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
         self._jumps = on_clock_jump(node, self._jumped)
         self._warn_at_start()
@@ -154,32 +129,15 @@ class Tracking:
     def _warn_at_start(self):
         """Warn about settings with which observations will be left out."""
         server, settings = self._server, self._server.settings
-        for parameter in ("observed_models", "symmetric_models"):
-            for model in dict.fromkeys(filter(None, getattr(settings, parameter))):
-                try:
-                    server.library.shape(model)
-                except UncPhysicsError as error:
-                    problem = error.problem.partition(";")[0]  # the log has the names of all models
-                    server.log.warning(
-                        f"parameter {parameter}: '{model}' {problem}{hint(model, server.library.paths)}"
-                    )
+        for model in settings.symmetries:
+            if model not in server.library:
+                server.log.warning(
+                    f"parameter symmetric_models: '{model}' is no model{hint(model, server.library.paths)}"
+                )
         if server.environment.is_missing(settings) and not settings.planning_scene_topic:
             server.log.warning(f"nothing is tracked before the node's environment is set: {HOW_TO_SET}")
 
-    def _subscribe(self, kind, topic, callback):
-        self._subscriptions.append(subscribe(self._server.node, kind, topic, callback, _DEPTH))
-
     # -- input, in the executor's thread -----------------------------------------------------------
-
-    def _observed(self, name, model, message):
-        """Take the pose of an object with a topic of its own."""
-        server = self._server
-        state = detected_object(name, model, message.pose, server.library, server.settings.tracked_mass)
-        self._receive(ReceivedObservation(message.header, [state], {name}, {}))
-
-    def _detected(self, detections):
-        """Take a Detection3DArray."""
-        self._receive(observation_of(detections, self._server.library, self._server.settings.tracked_mass))
 
     def _receive(self, observation):
         self._pass_on(self._correct, observation)
@@ -246,10 +204,10 @@ class Tracking:
 
     def _leave_out(self, message, reason):
         """Report that a whole message was left out."""
-        if isinstance(message, ReceivedObservation):
+        if isinstance(message, Detections):
             skipped = {own.id: reason for own in message.objects}
         else:
-            skipped = {"~/actions": reason}
+            skipped = {ACTIONS: reason}
         self._report_skipped(skipped)
 
     def _report_skipped(self, skipped):
@@ -414,10 +372,3 @@ class Tracking:
                 self._worker.submit(self._forget, request.ids).result()
             except (CancelledError, RuntimeError):
                 raise CanceledError(self._server.ending, field="the node") from None
-
-
-def observation_of(detections, library, mass: float) -> ReceivedObservation:
-    """Return the observation of a Detection3DArray; models without a mass get ``mass`` [kg]."""
-    scene, skipped = scene_of_detections(detections, library, mass)
-    named = {own.id for own in detections.detections if own.id}
-    return ReceivedObservation(scene.header, list(scene.objects), named, skipped)

@@ -37,7 +37,7 @@ from ..tracking.tracker import Tracker
 from .association import OF_POSITION, ObservationMemory, Place, assign
 from .messages.actions import group_actions
 from .messages.request import MARGINALS_ONLY, Job, RequestedOutputs, check_answer
-from .messages.scene import AllSkippedError, SceneLimits, read_scene, write_joint_covariance
+from .messages.scene import AllSkippedError, read_scene, write_joint_covariance
 from .messages.tracking import (
     ObservationRecord,
     before_first,
@@ -53,6 +53,7 @@ from .parameters import AXES, Settings
 
 #: Time without observations after which all objects are forgotten [s].
 _LONGEST_GAP = 60.0
+_MEMBERS = 64  # rollouts of the tracker
 _SEED = 1
 
 
@@ -255,7 +256,7 @@ class Tracks:
                 self._library,
                 settings.physics,
                 settings.covariance_defaults,
-                _limits(settings),
+                settings.max_objects,
                 actions=[own.trajectory[1]],
             )
             robots[name] = PrescribedObject(state, read.scene.bodies[0], stamp), read.models[0]
@@ -344,7 +345,7 @@ class Tracks:
         UncPhysicsError
         """
         scene = self.scene
-        members = make_propagator(REFERENCE, samples=settings.tracking_members, seed=_SEED)
+        members = make_propagator(REFERENCE, samples=_MEMBERS, seed=_SEED)
         job = Job(
             scene=scene,
             belief=self._tracker.belief(),
@@ -556,7 +557,7 @@ class Tracks:
                 self._library,
                 settings.physics,
                 settings.covariance_defaults,
-                _limits(settings),
+                settings.max_objects,
                 environment=self._environment.around(message),
                 skip_invalid_objects=True,
             )
@@ -599,7 +600,7 @@ class Tracks:
         self._tracker = Tracker(
             scene,
             belief,
-            members=settings.tracking_members,
+            members=_MEMBERS,
             window=settings.tracking_window,
             seed=_SEED,
             symmetries={name: own for name, own in found.items() if own is not None},
@@ -691,14 +692,8 @@ def _rows_of(places):
 
 def _symmetry(model, settings):
     """Return the symmetry of a model; None if it has none."""
-    for name, axis in zip(settings.symmetric_models, settings.symmetry_axes, strict=True):
-        if model and name == model:
-            return AxialSymmetry(np.eye(3)[AXES.index(axis or AXES[-1])])
-    return None
-
-
-def _limits(settings):
-    return SceneLimits(settings.max_objects, settings.max_spheres, settings.max_elements)
+    axis = settings.symmetries.get(model)
+    return None if axis is None else AxialSymmetry(np.eye(3)[AXES.index(axis)])
 
 
 def _first_pose(body):

@@ -26,6 +26,13 @@ from .parameters import tilted_gravity
 from .scene import Scene
 
 _SAME_AXIS = 1e-9  # m, and of directions: round-off between lathes of one body
+#: Rows of materials by the names of `PairMaterial`.
+_QUANTITIES = {
+    "friction": c.FRICTION,
+    "restitution": c.RESTITUTION,
+    "torsional_friction": c.TORSION,
+    "rolling_friction": c.ROLLING,
+}
 _AN_INSTANT = 1e-9  # s: a step in which nothing moves
 _FARTHEST = 1e12  # m, m/s, rad/s: what moves farther has left the range of numbers
 _BALL = 1e-9  # relative difference of a ball's moments of inertia
@@ -199,11 +206,38 @@ def _materials(scene):
         own[c.ROLLING, k] = 0.0 if rolling is None else rolling
         if surface.torsional_friction is not None:
             own[c.TORSION, k] = surface.torsional_friction
-    rows = {"friction": c.FRICTION, "restitution": c.RESTITUTION, "rolling_friction": c.ROLLING}
     for pair, column in zip(scene.pairs, found.T[len(things) :], strict=True):
         column[[c.PAIR_A, c.PAIR_B]] = sorted(map(things.index, pair.between))
         for name, value in pair.given.items():
-            column[rows.get(name, c.TORSION)] = value
+            column[_QUANTITIES[name]] = value
+    return found
+
+
+def materials_of_pairs(scene: Scene, pairs: Sequence[tuple[int, int]]) -> list[dict[str, float]]:
+    """Return the quantities of the contacts of pairs of things, without errors of uncertain ones.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the implicit integrator.
+    pairs : sequence of (int, int)
+        Places of two things among bodies and then elements.
+
+    Returns
+    -------
+    list of dict of float
+        By the names of `PairMaterial`: the pair's own value, or the geometric mean of those of both things.
+    """
+    table, things = _materials(scene), len(thing_names(scene))
+    own = {tuple(column[[c.PAIR_A, c.PAIR_B]].astype(int).tolist()): column for column in table.T[things:]}
+    found = []
+    for pair in pairs:
+        x, y = table[:, pair[0]], table[:, pair[1]]
+        both = np.minimum(x, y) >= 0.0
+        mean = np.where(both, np.sqrt(np.abs(x * y)), np.maximum(np.maximum(x, y), 0.0))
+        given = own.get((min(pair), max(pair)))
+        values = mean if given is None else np.where(given >= 0.0, given, mean)
+        found.append({name: float(values[row]) for name, row in _QUANTITIES.items()})
     return found
 
 

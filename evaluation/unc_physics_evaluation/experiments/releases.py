@@ -106,14 +106,14 @@ def observed(scene: Scene, state: np.ndarray, rng: np.random.Generator):
     origin = x[POSITION] + turn.apply(np.array(body.model.origin))
     velocity = x[3:6] + np.cross(x[10:13], turn.apply(np.array(body.model.origin)))
     seen = ObjectState(id="object", model=body.model.name)
-    place, pose, twist = seen.pose.position, seen.pose, seen.twist
+    place, pose, twist = seen.pose.pose.position, seen.pose.pose, seen.twist.twist
     place.x, place.y, place.z = (origin + rng.normal(0.0, _POSITION_STD, 3)).tolist()
     turned = (Rotation.from_rotvec(rng.normal(0.0, _ROTATION_STD, 3)) * turn).as_quat()
     pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = turned.tolist()
     twist.linear.x, twist.linear.y, twist.linear.z = (velocity + rng.normal(0.0, _VELOCITY_STD, 3)).tolist()
     twist.angular.x, twist.angular.y, twist.angular.z = (x[10:13] + rng.normal(0.0, _SPIN_STD, 3)).tolist()
-    seen.belief.pose_covariance = np.diag([_POSITION_STD**2] * 3 + [_ROTATION_STD**2] * 3).ravel()
-    seen.belief.twist_covariance = np.diag([_VELOCITY_STD**2] * 3 + [_SPIN_STD**2] * 3).ravel()
+    seen.pose.covariance = np.diag([_POSITION_STD**2] * 3 + [_ROTATION_STD**2] * 3).ravel()
+    seen.twist.covariance = np.diag([_VELOCITY_STD**2] * 3 + [_SPIN_STD**2] * 3).ravel()
     table = EnvironmentElement(id="table")
     table.plane.coef = [0.0, 0.0, 1.0, 0.0]
     message = SceneMessage(objects=[seen])

@@ -36,11 +36,11 @@ inline PredictionRequest request()
 {
   ObjectState can;
   can.id = can.model = "can";  // with the mass of its model
-  can.pose.position.x = -0.2;  // of the model's own origin [m]
-  can.pose.position.z = 0.01;
-  can.twist.linear.x = 0.5;  // [m/s]
-  set_stds(can.belief.pose_covariance, 0.005, 0.02);  // [m], [rad], about fixed axes
-  can.belief.twist_covariance[0] = -1.0;  // unknown: the node's default
+  can.pose.pose.position.x = -0.2;  // of the model's own origin [m]
+  can.pose.pose.position.z = 0.01;
+  can.twist.twist.linear.x = 0.5;  // [m/s]
+  set_stds(can.pose.covariance, 0.005, 0.02);  // [m], [rad], about fixed axes
+  can.twist.covariance[0] = -1.0;  // unknown: the node's default
 
   ObjectState brick;
   brick.id = brick.model = "brick";

@@ -24,14 +24,20 @@ int main(int argc, char ** argv)
   }
   const auto request = std::make_shared<Predict::Request>();
   request->request = can_and_brick::request();
-  auto future = client->async_send_request(request);
-  const auto timeout = std::chrono::minutes(3);  // a first request may wait for compilation for two
-  if (rclcpp::spin_until_future_complete(node, future, timeout) != rclcpp::FutureReturnCode::SUCCESS) {
-    client->remove_pending_request(future);
-    std::cerr << "no answer came in time\n";
-    return 1;
-  }
-  const auto response = future.get();
+  // a first request may wait for compilation for two minutes, and the node answers before with NOT_READY
+  const auto end = std::chrono::steady_clock::now() + std::chrono::minutes(3);
+  Predict::Response::SharedPtr response;
+  do {
+    auto future = client->async_send_request(request);
+    const auto left = end - std::chrono::steady_clock::now();
+    if (rclcpp::spin_until_future_complete(node, future, left) != rclcpp::FutureReturnCode::SUCCESS) {
+      client->remove_pending_request(future);
+      std::cerr << "no answer came in time\n";
+      return 1;
+    }
+    response = future.get();
+  } while (response->result.error_code == can_and_brick::Result::NOT_READY &&
+           std::chrono::steady_clock::now() < end);
   std::cout << can_and_brick::text(*response);
   rclcpp::shutdown();
   return response->result.error_code;

@@ -8,10 +8,10 @@ from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import Transform
+from geometry_msgs.msg import Transform, Wrench
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from unc_physics_msgs.msg import Action, AppliedWrench, Attachment
+from unc_physics_msgs.msg import Action
 
 from ...checks.errors import InvalidRequestError, LimitExceededError
 from ...checks.names import hint
@@ -23,19 +23,37 @@ from ...spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VEL
 from ...spatial.origin import moved
 from .fields import (
     duration,
-    optional,
     quaternion_message,
     read_duration,
+    seconds,
+    sum_of,
     twist_message,
     vector_message,
     xyz,
     xyzw,
 )
 
-#: Fields of an action, and beginning of the names of all its fields, by type.
+#: Names of the types of actions.
 _KINDS = {Action.TRAJECTORY: "trajectory", Action.ATTACHMENT: "attachment", Action.WRENCH: "wrench"}
-_OF_ATTACHMENT = ("attached_to", "attached_at", "released_at", "released_at_std")
-_NO_ATTACHMENT, _NO_WRENCH = Attachment(), AppliedWrench()
+#: Types of actions that have a field.
+_OF_KINDS = {
+    "trajectory": ("trajectory",),
+    "trajectory_std": ("trajectory",),
+    "attached_to": ("attachment",),
+    "start": ("attachment", "wrench"),
+    "duration": ("attachment", "wrench"),
+    "release_std": ("attachment",),
+    "wrench": ("wrench",),
+    "body_axes": ("wrench",),
+}
+#: Fields of an attachment by attributes of a `RigidBody`.
+_OF_ATTACHMENT = {
+    "attached_to": "attached_to",
+    "attached_at": "start",
+    "released_at": "duration",
+    "released_at_std": "release_std",
+}
+_UNSET = Action()
 
 
 class ObjectActions(NamedTuple):
@@ -60,7 +78,7 @@ class ObjectActions(NamedTuple):
         if attribute in ("trajectory", "trajectory_std") and self.trajectory:
             return f"{self.trajectory[0]}.{attribute}"
         if attribute in _OF_ATTACHMENT and self.attachment:
-            return f"{self.attachment[0]}.attachment.{attribute}"
+            return f"{self.attachment[0]}.{_OF_ATTACHMENT[attribute]}"
         if attribute == "wrenches" and self.wrenches:
             return f"{self.wrenches[0][0]}.wrench"
         return None
@@ -111,14 +129,11 @@ def group_actions(
 
 def _check_type(message, kind, field):
     """Raise an error if fields are set that belong to an action of another type."""
-    given = {
-        "trajectory": len(message.trajectory.points) > 0,
-        "trajectory_std": bool(np.any(message.trajectory_std)),
-        "attachment": message.attachment != _NO_ATTACHMENT,
-        "wrench": message.wrench != _NO_WRENCH,
-    }
-    for name, is_given in given.items():
-        if is_given and not name.startswith(kind):
+    for name, kinds in _OF_KINDS.items():
+        if kind in kinds:
+            continue
+        value = getattr(message, name)
+        if np.any(value) if name == "trajectory_std" else value != getattr(_UNSET, name):
             raise InvalidRequestError(
                 f"must not be set in an action of type {kind.upper()}", field=f"{field}.{name}"
             )
@@ -194,31 +209,36 @@ def read_actions(actions: ObjectActions) -> tuple[tuple[str, Any], ...]:
             given["trajectory_std"] = tuple(std.tolist())
     if actions.attachment is not None:
         field, action = actions.attachment
-        field, held = f"{field}.attachment", action.attachment
-        if not held.attached_to:
+        if not action.attached_to:
             raise InvalidRequestError("must be the id of an object", field=f"{field}.attached_to", value="")
-        given["attached_to"] = held.attached_to
-        given["attached_at"] = read_duration(held.attached_at, f"{field}.attached_at")
-        if (released := optional(held, "released_at", field)) is not None:
-            given["released_at"] = read_duration(released, f"{field}.released_at")
-        if std := read_duration(held.released_at_std, f"{field}.released_at_std"):
+        given["attached_to"] = action.attached_to
+        given["attached_at"], held = _time_of(action, field)
+        if held:
+            given["released_at"] = seconds(sum_of(action.start, action.duration))
+        if std := read_duration(action.release_std, f"{field}.release_std"):
+            if not held:
+                raise InvalidRequestError(
+                    "needs a duration beside it", field=f"{field}.release_std", value=std
+                )
             given["released_at_std"] = std
     if actions.wrenches:
         given["wrenches"] = tuple(
             _wrench(
-                *_numbers(action.wrench, f"{field}.wrench"),
-                bool(action.wrench.body_axes),
-                read_duration(action.wrench.start, f"{field}.wrench.start"),
-                read_duration(action.wrench.duration, f"{field}.wrench.duration"),
+                *_numbers(action.wrench, f"{field}.wrench"), bool(action.body_axes), *_time_of(action, field)
             )
             for field, action in actions.wrenches
         )
     return tuple(given.items())
 
 
-def _numbers(message, field):
-    force = array(xyz(message.wrench.force), (3,), f"{field}.wrench.force")
-    torque = array(xyz(message.wrench.torque), (3,), f"{field}.wrench.torque")
+def _time_of(action, field):
+    """Return start and duration of an action [s]."""
+    return tuple(read_duration(getattr(action, name), f"{field}.{name}") for name in ("start", "duration"))
+
+
+def _numbers(wrench: Wrench, field):
+    force = array(xyz(wrench.force), (3,), f"{field}.force")
+    torque = array(xyz(wrench.torque), (3,), f"{field}.torque")
     return tuple(force.tolist()), tuple(torque.tolist())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from geometry_msgs.msg import Twist
 from shape_msgs.msg import Plane as PlaneMessage
 from shape_msgs.msg import SolidPrimitive
 
-from unc_physics_msgs.msg import EnvironmentElement, Material
+from unc_physics_msgs.msg import EnvironmentElement, Material, MaterialPair
 
 from ...checks.errors import (
     DuplicateIdError,
@@ -26,12 +27,13 @@ from ...prediction.regions import BoxRegion
 from ...scene.entries import at_field
 from ...scene.environment import Box, Cylinder, Element, Plane, Sphere, check_not_reserved, surface_tilt_std
 from ...scene.materials import Surface, check_surface
+from ...scene.pairs import PairMaterial
 from ...shapes.packing_file import SpherePacking
 from ...spatial.rotation import rotation_matrix
 from .fields import given_shapes, optional, packed, pose_message, twist_message, xyz, xyzw
 
 #: Fields of a Material message with a flag, and those without; a `Surface` has attributes of the same names.
-_OPTIONAL_FIELDS = ("friction", "restitution", "torsional_friction")
+_OPTIONAL_FIELDS = ("friction", "restitution", "torsional_friction", "rolling_friction")
 _STD_FIELDS = ("friction_std", "restitution_std")
 #: Name of the Material message's field for each attribute of a `Surface`.
 MATERIAL_FIELDS = {"material": "name"} | {name: name for name in _OPTIONAL_FIELDS + _STD_FIELDS}
@@ -184,6 +186,36 @@ def write_material(surface: Surface) -> Material:
         if (value := getattr(surface, name)) is not None:
             setattr(message, name, float(value))
             setattr(message, f"has_{name}", True)
+    return message
+
+
+def read_pairs(messages: Sequence[MaterialPair]) -> tuple[PairMaterial, ...]:
+    """Return the materials of pairs, which `Scene` checks.
+
+    Raises
+    ------
+    UncPhysicsError
+    """
+    found = []
+    for k, message in enumerate(messages):
+        given = dict(read_material(message.material, f"scene.pairs[{k}].material"))
+        for name in ("material", *_STD_FIELDS):
+            if name in given:
+                raise NotSupportedError(
+                    "must be unset, as the quantities of a pair are exactly known",
+                    field=f"scene.pairs[{k}].material.{MATERIAL_FIELDS[name]}",
+                    value=given[name],
+                )
+        found.append(PairMaterial((message.object_a, message.object_b), **given))
+    return tuple(found)
+
+
+def write_pair(name: str, other: str, quantities: Mapping[str, float]) -> MaterialPair:
+    """Return the message of the quantities of a pair."""
+    message = MaterialPair(object_a=name, object_b=other)
+    for key, value in quantities.items():
+        setattr(message.material, key, float(value))
+        setattr(message.material, f"has_{key}", True)
     return message
 
 

@@ -1,48 +1,130 @@
-"""Representation of events in messages: one row for each class of events.
+"""Events in messages: one row for each class of events.
 
-Message fields are fixed, so a class without a row cannot be asked for. A new class needs a constant in
-``Score.msg`` and a row here. If the object is its only argument, it also needs a field in
-``PredictedObject.msg``.
+A new class needs a constant in ``Event.msg`` and a row here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import functools
+import operator
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from unc_physics_msgs.msg import Score
+from unc_physics_msgs.msg import Event as EventMessage
 
+from ...checks.errors import InvalidRequestError
+from ...checks.names import hint
 from ...prediction.events import AtRest, Event, FellOff, InRegion, Touches, Upright
+from ...prediction.regions import BoxRegion
+from ...prediction.snapshot import Probability
+from ...scene.scene import Scene
+
+#: Length of a request's array of scores, which rclpy does not check.
+_MAX_SCORES = 8
 
 
-class EventMessage(NamedTuple):
+class EventRow(NamedTuple):
     """Representation of a class of events.
 
     Attributes
     ----------
-    quantity : int
-        Constant of ``Score.quantity``.
+    kind : int
+        Constant of ``Event.kind``.
     other : str
-        Attribute of the event in the field ``Score.other``; empty if the field is empty.
-    probability : str
-        Field of ``PredictedObject`` with its probability; empty if it is in an array of its own.
+        Attribute of the event in the field ``Event.other``; empty if the field is empty.
     """
 
-    quantity: int
+    kind: int
     other: str = ""
-    probability: str = ""
 
 
-EVENT_MESSAGES: dict[type[Any], EventMessage] = {
-    InRegion: EventMessage(Score.IN_REGION, "region"),
-    Touches: EventMessage(Score.TOUCHES, "other"),
-    AtRest: EventMessage(Score.AT_REST, probability="at_rest"),
-    Upright: EventMessage(Score.UPRIGHT, probability="upright"),
-    FellOff: EventMessage(Score.FELL_OFF, "support", probability="fell_off"),
+EVENT_ROWS: dict[type[Any], EventRow] = {
+    InRegion: EventRow(EventMessage.IN_REGION, "region"),
+    Touches: EventRow(EventMessage.TOUCHES, "other"),
+    AtRest: EventRow(EventMessage.AT_REST),
+    Upright: EventRow(EventMessage.UPRIGHT),
+    FellOff: EventRow(EventMessage.FELL_OFF, "support"),
 }
 
 
+class ReadScore(NamedTuple):
+    """Event whose most probable candidate is the best, and whether it is the opposite of the message's."""
+
+    event: Event
+    negated: bool
+
+
 def object_events(names: Iterable[str]) -> list[Event]:
-    """Return the events whose probabilities are in the messages of some objects."""
-    kinds = [kind for kind, row in EVENT_MESSAGES.items() if row.probability]
-    return [kind(name) for name in names for kind in kinds]
+    """Return the events that each moving object has without anything else."""
+    return [kind(name) for name in names for kind in (AtRest, Upright, FellOff)]
+
+
+def read_score(messages: Sequence[EventMessage], regions: Sequence[BoxRegion], scene: Scene) -> ReadScore:
+    """Return the event that several messages describe together.
+
+    Parameters
+    ----------
+    messages : sequence of unc_physics_msgs/Event
+        At least one.
+    regions : sequence of BoxRegion
+        Regions of the request.
+    scene : Scene
+
+    Raises
+    ------
+    InvalidRequestError
+        If there are too many messages, an unknown kind, or a name that is not in the request.
+    """
+    if len(messages) > _MAX_SCORES:
+        raise InvalidRequestError(
+            f"must hold at most {_MAX_SCORES} entries", field="score", value=len(messages)
+        )
+    wanted = []
+    for k, message in enumerate(messages):
+        event = _read_event(message, f"score[{k}]", regions)
+        try:
+            event.check(scene, f"score[{k}]")
+        except InvalidRequestError as error:
+            field = (error.field or "").replace(".support", ".other")  # the message's field
+            raise error.at(field) from None
+        wanted.append(~event if message.negated else event)
+    negated = len(wanted) == 1 and bool(messages[0].negated)  # of several, all happen together
+    return ReadScore(functools.reduce(operator.and_, wanted), negated)
+
+
+def _read_event(message, field, regions):
+    """Return the event of one message."""
+    other = message.other
+    found = [pair for pair in EVENT_ROWS.items() if pair[1].kind == message.kind]
+    if not found:
+        raise InvalidRequestError("is no kind of event", field=f"{field}.kind", value=message.kind)
+    ((event, row),) = found
+    if not row.other:
+        if other:
+            raise InvalidRequestError(
+                "must be empty, as AT_REST and UPRIGHT are about the object alone",
+                field=f"{field}.other",
+                value=other,
+            )
+        return event(message.object)
+    if event is InRegion:
+        known = {region.name: region for region in regions}
+        if other not in known:
+            problem = f"is no region of the request{hint(other, known)}"
+            raise InvalidRequestError(problem, field=f"{field}.other", value=other)
+        other = known[other]
+    return event(message.object, other)
+
+
+def write_event(event: Any, found: Probability) -> EventMessage:
+    """Return the message of an event with its probability; its time is still to be set."""
+    row = EVENT_ROWS[type(event)]
+    other = getattr(event, row.other) if row.other else None
+    return EventMessage(
+        kind=row.kind,
+        object=event.object,
+        other=other.name if isinstance(other, BoxRegion) else other or "",
+        probability=found.estimate,
+        low=found.low,
+        high=found.high,
+    )

@@ -88,6 +88,12 @@ def later(stamp: Time, after: Duration) -> Time:
     return stamp_of(nanoseconds(stamp) + after.sec * _NANOSECONDS + after.nanosec)
 
 
+def sum_of(one: Duration, other: Duration) -> Duration:
+    """Return the sum of two Durations, to the nanosecond."""
+    carried, nanosec = divmod(one.nanosec + other.nanosec, _NANOSECONDS)
+    return Duration(sec=one.sec + other.sec + carried, nanosec=nanosec)
+
+
 def seconds(message: Duration) -> float:
     """Return a Duration in seconds."""
     return message.sec + message.nanosec / _NANOSECONDS

@@ -153,6 +153,7 @@ class Transform(NamedTuple):
             header=message.header,
             objects=[self.object(state) for state in message.objects],
             environment=self.environment(message.environment),
+            pairs=message.pairs,
             common_pose_std=message.common_pose_std,
             common_pose_origin=message.common_pose_origin,
             joint_covariance=self.joint_covariance(message.joint_covariance),
@@ -167,15 +168,13 @@ class Transform(NamedTuple):
         ``diag(R, R) C diag(R, R)^T``. Unknown covariances stay unknown.
         """
         result = copy.deepcopy(message)
-        self._move(result.pose)
-        _rotate(result.twist.linear, self.R)
-        _rotate(result.twist.angular, self.R)
-        belief = result.belief
-        if belief.pose_covariance[0] != UNKNOWN:
-            belief.pose_covariance = self._rotated(belief.pose_covariance, 2)
-        if belief.twist_covariance[0] != UNKNOWN:
-            belief.twist_covariance = self._rotated(belief.twist_covariance, 2)
-        belief.covariance = packed(self._rotated(belief.covariance, 4))
+        self._move(result.pose.pose)
+        _rotate(result.twist.twist.linear, self.R)
+        _rotate(result.twist.twist.angular, self.R)
+        for part in (result.pose, result.twist):
+            if part.covariance[0] != UNKNOWN:
+                part.covariance = self._rotated(part.covariance, 2)
+        result.covariance = packed(self._rotated(result.covariance, 4))
         return result
 
     def action(self, message):
@@ -189,9 +188,9 @@ class Transform(NamedTuple):
             for twist in point.velocities:
                 _rotate(twist.linear, self.R)
                 _rotate(twist.angular, self.R)
-        if not result.wrench.body_axes:
-            _rotate(result.wrench.wrench.force, self.R)
-            _rotate(result.wrench.wrench.torque, self.R)
+        if not result.body_axes:
+            _rotate(result.wrench.force, self.R)
+            _rotate(result.wrench.torque, self.R)
         return result
 
     def joint_covariance(self, message):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from unc_physics_msgs.msg import Physics
 
 from ...checks.errors import InvalidOptionError, InvalidRequestError, UncPhysicsError
-from ...checks.names import removed
 from ...scene.materials import DEFAULT_RESTITUTION
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.presets import certain, with_changes
@@ -18,7 +17,13 @@ from .fields import optional, vector_message, xyz
 _FIELDS = tuple(key for key in PHYSICS_KEYS if hasattr(Physics, key))
 #: Values in the message of fields that are None or absent in the core.
 _ABSENT = {key: 0.0 for key in PHYSICS_KEYS if key.endswith("_std")}
-_ABSENT |= {"impact_friction_speed": 0.0, "damping": 0.0, "friction": 0.0, "gravity": (0.0, 0.0, 0.0)}
+_ABSENT |= {
+    "impact_friction_speed": 0.0,
+    "rolling_friction": 0.0,
+    "damping": 0.0,
+    "friction": 0.0,
+    "gravity": (0.0, 0.0, 0.0),
+}
 _ABSENT |= {"gyroscopic": False, "sleep": False, "stiffness": AUTO}
 
 
@@ -30,8 +35,6 @@ def read_physics(message: Physics, physics: dict) -> dict:
     InvalidOptionError, NotFiniteError, InvalidRequestError
         Limits of values are checked by `Scene`.
     """
-    if message.has_islands or message.islands:
-        raise InvalidOptionError(str(removed("islands")), field="physics.islands", value=message.islands)
     if message.preset:
         physics = _at("preset", preset, message.preset, message.exact)
     elif message.exact:

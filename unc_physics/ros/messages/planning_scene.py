@@ -123,9 +123,7 @@ def request_of_planning_scene(
         mass = positive(mass, f"{field}.weight", InvalidMassError)
         state = _object(held.object, known, models.get(held.object.id), mass, f"{field}.object")
         bodies.append(state)
-        action = Action(type=Action.ATTACHMENT, object=state.id)
-        action.attachment.attached_to = held.link_name
-        actions.append(action)
+        actions.append(Action(type=Action.ATTACHMENT, object=state.id, attached_to=held.link_name))
         gap = _gap(held, known, field)
         holders[held.link_name] = min(0.5 * gap, holders.get(held.link_name, _LARGEST_BALL))
     for name, radius in holders.items():
@@ -302,7 +300,7 @@ def _object(own, frames, model, mass, field):
         ((name, shape, pose, where),) = shapes
         setattr(state, name, shape)
         place = place.compose(Transform.from_pose(pose, where))
-    state.pose = place.pose()
+    state.pose.pose = place.pose()
     return state
 
 
@@ -354,7 +352,7 @@ def _link(name, radius, shape, frames):
             )
         shape = SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=packed([radius]))
     state = ObjectState(id=name, kind=ObjectState.FIXED, primitive=shape)
-    state.pose = frames.of(Header(frame_id=name), f"link '{name}'").pose()
+    state.pose.pose = frames.of(Header(frame_id=name), f"link '{name}'").pose()
     return state
 
 

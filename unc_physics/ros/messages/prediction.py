@@ -6,47 +6,39 @@ import functools
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import KeyValue
-from geometry_msgs.msg import Pose
+from geometry_msgs.msg import Pose, PoseWithCovariance
 from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import (
-    ContactProbability,
-    ObjectState,
-    PredictedObject,
-    PredictedState,
-    RegionProbability,
-)
-from unc_physics_msgs.msg import Mode as ModeMessage
+from unc_physics_msgs.msg import Event as EventMessage
+from unc_physics_msgs.msg import MaterialPair, ObjectState, PredictedObject, PredictedState
 from unc_physics_msgs.msg import Prediction as PredictionMessage
-from unc_physics_msgs.msg import Probability as ProbabilityMessage
 
 from ...checks.errors import DivergedError
-from ...prediction.events import Event, InRegion, Touches
+from ...prediction.events import Event, Touches
 from ...prediction.evidence import overlap_shares
 from ...prediction.prediction import Prediction
-from ...prediction.snapshot import Probability
 from ...prediction.status import assess_all
 from ...propagators.base import Samples, rollout_count
 from ...scene.belief import Belief
-from ...scene.marks import RESOLUTION
+from ...scene.contact_world import materials_of_pairs
+from ...scene.environment import thing_names
 from ...scene.origins import gaussian_at_origins
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.physics_summary import physics_as_text
+from ...scene.scene import Scene
 from ...spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
 from ...spatial.origin import at_origin
 from ...spatial.rotation import rotation_matrix
-from .events import EVENT_MESSAGES
+from .environment import write_pair
+from .events import write_event
 from .fields import duration, later, packed, pose_message, writable
 from .physics import physics_message
 from .request import MARGINALS_ONLY, Job
 from .scene import write_joint_covariance
 
-#: Measures with their own fields in the message.
-_OVERLAP_FIELDS = ("overlap_moved", "overlap_kept")
 #: Most states of one object that are assessed separately, as documented in the message.
 ASSESSED_STATES = 16
 _SAME_POINT = np.zeros(3)
@@ -96,10 +88,10 @@ def write_answer(message: PredictionMessage, header: Header, settings, job: Job,
     message.objects = objects
     message.skipped = [KeyValue(key=name, value=reason) for name, reason in job.skipped.items()]
     message.joint_covariances = joints
-    complete = prediction.time > job.horizon - RESOLUTION
-    write_statuses(message, prediction, settings.status_rollouts if complete else 0)
+    write_statuses(message, prediction)
     write_notes(message.objects, job)
-    write_probabilities(message, prediction, job.events)
+    message.events = write_events(prediction, job.events)
+    message.pairs = write_pairs(used, job.events)
     message.seed = job.seed
     message.time_reached = duration(prediction.time)
     message.valid_until = later(header.stamp, message.time_reached)
@@ -171,15 +163,16 @@ def write_modes(objects, prediction: Prediction) -> None:
     for message, body in zip(objects, prediction.scene.bodies, strict=True):
         found = prediction[body.name].modes
         last = message.states[-1]
+        last.mode_weights = packed([mode.weight for mode in found])
         if len(found) == 1:
-            last.modes = [ModeMessage(weight=1.0, pose=last.pose)]
+            last.modes = [last.pose]
             continue
         modes = []
         for mode in found:
-            modes.append(ModeMessage(weight=mode.weight))
+            modes.append(PoseWithCovariance())
             there = _moved_mode(mode, writable(body.model.origin))
-            state, _, modes[-1].pose.covariance, _ = _about_fixed_axes(there.mean[0], there.blocks[0])
-            _fill_pose(modes[-1].pose.pose, state.tolist())
+            state, _, modes[-1].covariance, _ = _about_fixed_axes(there.mean[0], there.blocks[0])
+            _fill_pose(modes[-1].pose, state.tolist())
         last.modes = modes
 
 
@@ -189,7 +182,7 @@ def write_start(objects, scene, belief) -> None:
         _write_pose(message.start, belief.mean[k], belief.marginal(k), body)
 
 
-def write_statuses(message, prediction, rollouts) -> None:
+def write_statuses(message, prediction) -> None:
     """Write the status of each object, and of each of its states, into a `Prediction` message.
 
     Parameters
@@ -197,8 +190,6 @@ def write_statuses(message, prediction, rollouts) -> None:
     message : unc_physics_msgs/Prediction
         Message with its objects and their states.
     prediction : Prediction
-    rollouts : int
-        Number of rollouts that check the spread of propagators with a single nominal rollout.
 
     Notes
     -----
@@ -210,7 +201,7 @@ def write_statuses(message, prediction, rollouts) -> None:
     ends = [count * (part + 1) // parts for part in range(parts)]
     assessed = replace(prediction, snapshots=tuple(prediction.snapshots[end - 1] for end in ends))
     begin = 0
-    for end, statuses in zip(ends, assess_all(assessed, rollouts=rollouts), strict=True):
+    for end, statuses in zip(ends, assess_all(assessed, rollouts=0), strict=True):
         for predicted, status in zip(message.objects, statuses, strict=True):
             for state in predicted.states[begin:end]:
                 state.status = int(status.flags)
@@ -223,8 +214,6 @@ def write_statuses(message, prediction, rollouts) -> None:
         predicted.status_values = [
             KeyValue(key=key, value=f"{value:.6g}") for key, value in status.measures.items()
         ]
-        for name in _OVERLAP_FIELDS:
-            setattr(predicted, name, status.measures.get(name, 0.0))
 
 
 def write_notes(objects: Iterable[PredictedObject], job: Job) -> None:
@@ -240,40 +229,30 @@ def write_notes(objects: Iterable[PredictedObject], job: Job) -> None:
         predicted.status_msg = "; ".join(filter(None, [predicted.status_msg, *texts]))
 
 
-def write_probabilities(message: Any, prediction: Prediction, events: Iterable[Event]) -> None:
-    """Write the probabilities of `Job.events` into a `Prediction` message that has its objects."""
-    time = duration(prediction.time)
-    by_id = {predicted.id: predicted for predicted in message.objects}
+def write_events(prediction: Prediction, events: Iterable[Event]) -> list[EventMessage]:
+    """Return the messages of events with their probabilities."""
+    time, found = duration(prediction.time), []
     for event in events:
-        written = write_probability(prediction.probability(event))
-        if isinstance(event, InRegion):
-            message.region_probabilities.append(
-                RegionProbability(
-                    region=event.region.name, object=event.object, time_from_start=time, probability=written
-                )
-            )
-        elif isinstance(event, Touches):
-            when = prediction.contact_time(event)
-            mean, std = when or (0.0, 0.0)
-            message.contact_probabilities.append(
-                ContactProbability(
-                    object_a=event.object,
-                    object_b=event.other,
-                    time_from_start=time,
-                    probability=written,
-                    first_contact_time_available=when is not None,
-                    first_contact_time_mean=duration(mean),
-                    first_contact_time_std=duration(std),
-                )
-            )
-        else:
-            (name,) = event.names
-            setattr(by_id[name], EVENT_MESSAGES[type(event)].probability, written)
+        found.append(write_event(event, prediction.probability(event)))
+        found[-1].time_from_start = time
+        if isinstance(event, Touches) and (when := prediction.contact_time(event)) is not None:
+            found[-1].has_first_contact_time = True
+            found[-1].first_contact_time, found[-1].first_contact_time_std = map(duration, when)
+    return found
 
 
-def write_probability(found: Probability) -> ProbabilityMessage:
-    """Return the message of a probability and its interval."""
-    return ProbabilityMessage(available=True, probability=found.estimate, low=found.low, high=found.high)
+def write_pairs(scene: Scene, events: Iterable[Event]) -> list[MaterialPair]:
+    """Return the materials of the pairs that events are contacts of."""
+    if scene.integrator == "explicit":
+        return []
+    places = {name: k for k, name in enumerate(thing_names(scene))}
+    pairs = [
+        (event.object, event.other)
+        for event in events
+        if isinstance(event, Touches) and event.other in places
+    ]
+    given = materials_of_pairs(scene, [(places[name], places[other]) for name, other in pairs])
+    return [write_pair(*names, values) for names, values in zip(pairs, given, strict=True)]
 
 
 def _drawn(job, prediction):

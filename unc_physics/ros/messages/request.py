@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 import secrets
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Quaternion, Vector3
 
 from unc_physics_msgs.msg import Environment, PredictionRequest
 from unc_physics_msgs.msg import Scene as SceneMessage
-from unc_physics_msgs.srv import Fork
 
 from ...checks.errors import (
     InvalidHorizonError,
@@ -24,7 +23,6 @@ from ...checks.errors import (
     PredictionTimeoutError,
     UncPhysicsError,
 )
-from ...checks.names import removed
 from ...checks.validation import array, non_negative, positive
 from ...prediction.events import Event, InRegion, encounters, moving_names
 from ...prediction.predict import predict_marks
@@ -38,19 +36,22 @@ from ...scene.belief import Belief
 from ...scene.entries import at_field
 from ...scene.marks import Mark
 from ...scene.scene import Scene
-from ...spatial.layout import ERROR
+from ...spatial.layout import ERROR, STATE
 from .environment import read_regions
 from .events import object_events
 from .fields import read_duration, seconds, xyz, xyzw
 from .frames import Frames
 from .physics import read_physics
-from .scene import FieldNames, SceneLimits, read_scene
+from .scene import FieldNames, read_scene
 
 _STATE_BYTES = 800  # size of a PredictedState without optional parts
 _START_BYTES = 350  # size of an object's start
 _POSE_BYTES = 56
 _PROBABILITY_BYTES = 100
 _NUMBER_BYTES = 8
+_COPIES = 8  # memory of a message's objects in Python over its size
+_BYTES = 1e6  # of one MB
+_LIMIT = "the parameter max_memory allows {:g} MB"
 #: Options of the anytime propagator for fields of a request.
 _TARGETS = {
     "wanted_position_error": "position_error",
@@ -99,17 +100,8 @@ class RequestedOutputs(NamedTuple):
     modes: bool = False
 
     @classmethod
-    def read(cls, request: PredictionRequest | Fork.Request) -> RequestedOutputs:
-        """Return the outputs that a request asks for.
-
-        Raises
-        ------
-        NotSupportedError
-            If it asks for states of the centres of mass.
-        """
-        if request.return_center_of_mass:
-            name = "return_center_of_mass"
-            raise NotSupportedError(str(removed(name)), field=name, value=True)
+    def read(cls, request: Any) -> RequestedOutputs:
+        """Return the outputs that a request asks for."""
         return cls(*(getattr(request, f"return_{name}") for name in cls._fields))
 
 
@@ -203,8 +195,9 @@ class Job:
                 raise named from None
             raise
 
-    def answer_bytes(self) -> int:
-        """Return the approximate size of the answer."""
+    @property
+    def memory(self) -> int:
+        """Approximate memory of the answer and of the rollouts that it is computed from [bytes]."""
         outputs, moving, bodies = self.outputs, len(self.scene.moving), len(self.scene.bodies)
         states = len(self.marks)
         one = _STATE_BYTES + _POSE_BYTES * self.return_samples + _NUMBER_BYTES * ERROR**2 * outputs.covariance
@@ -212,7 +205,10 @@ class Job:
         joint = _NUMBER_BYTES * (ERROR * moving) ** 2 * outputs.joint_covariance
         pairs = moving * (bodies + len(self.scene.environment) + 1) * outputs.probabilities
         probabilities = _PROBABILITY_BYTES * (pairs + moving * len(self.regions))
-        return _START_BYTES * bodies + states * (bodies * one + joint) + probabilities
+        answer = _START_BYTES * bodies + states * (bodies * one + joint) + probabilities
+        rollouts = max(getattr(self.propagator, option, 0) for option in ("samples", "runs"))
+        kept = states if isinstance(self.propagator, Samples) else 0
+        return _COPIES * answer + _NUMBER_BYTES * STATE * rollouts * bodies * (kept + 1)
 
 
 def read_request(
@@ -262,7 +258,7 @@ def read_request(
         library,
         read_physics(request.physics, settings.physics),
         settings.covariance_defaults,
-        SceneLimits(settings.max_objects, settings.max_spheres, settings.max_elements),
+        settings.max_objects,
         actions=actions,
         environment=environment_of(message),
         fields=fields,
@@ -359,10 +355,10 @@ def _add_targets(options, request):
 
 
 def limited_regions(messages, settings) -> tuple[BoxRegion, ...]:
-    """Return the regions of a request, of which the node allows ``max_regions``."""
-    if len(messages) > settings.max_regions:
+    """Return the regions of a request, of which the node allows ``max_objects``."""
+    if len(messages) > settings.max_objects:
         raise LimitExceededError(
-            f"must be at most {settings.max_regions}", field="regions", value=len(messages)
+            f"must be at most {settings.max_objects}", field="regions", value=len(messages)
         )
     return read_regions(messages)
 
@@ -385,23 +381,18 @@ def read_horizon(message, settings) -> float:
 
 def read_marks(request, horizon: float, scene: Scene, settings) -> list[Mark]:
     """Return the marks of the requested times and of the horizon."""
-    steps = horizon / scene.dt
-    if steps > settings.max_steps:
-        raise LimitExceededError(
-            f"takes {steps:.0f} steps of {scene.dt} s, and the limit is {settings.max_steps}",
-            field="horizon",
-            value=horizon,
-        )
     period = read_duration(request.trajectory_period, "trajectory_period", InvalidHorizonError)
     if period and request.times:
         raise InvalidRequestError(
             "must be empty where trajectory_period is set", field="times", value=len(request.times)
         )
-    count = horizon / period if period else len(request.times)
-    if count > settings.max_states:
-        field, value = ("trajectory_period", period) if period else ("times", count)
-        raise LimitExceededError(f"gives more than {settings.max_states} states", field=field, value=value)
     if period:
+        if horizon / period * _STATE_BYTES > _BYTES * settings.max_memory:
+            raise LimitExceededError(
+                f"gives more states than {_LIMIT.format(settings.max_memory)}",
+                field="trajectory_period",
+                value=period,
+            )
         times = periodic_times(scene, period, horizon, "trajectory_period")
     else:
         given = enumerate(request.times)
@@ -410,19 +401,8 @@ def read_marks(request, horizon: float, scene: Scene, settings) -> list[Mark]:
 
 
 def _propagator(name, options, samples, seed, settings):
-    """Return the requested propagator; a default above the node's limit is reduced to it."""
-    if samples > settings.max_samples:
-        raise LimitExceededError(f"must be at most {settings.max_samples}", field="samples", value=samples)
-    propagator = propagator_from_texts(name or settings.default_propagator, options, samples or None, seed)
-    for option in ("samples", "runs"):
-        if (drawn := getattr(propagator, option, 0)) <= settings.max_samples:
-            continue
-        if option in options:
-            raise LimitExceededError(
-                f"must be at most {settings.max_samples}", field=f"propagator_options '{option}'", value=drawn
-            )
-        propagator = replace(propagator, **{option: settings.max_samples})
-    return propagator
+    """Return the requested propagator."""
+    return propagator_from_texts(name or settings.default_propagator, options, samples or None, seed)
 
 
 def _within(propagator: Propagator, time: float) -> Propagator:
@@ -448,10 +428,6 @@ def check_answer(job: Job, settings) -> None:
             f"has no answer from {job.propagator.name}, which keeps no correlations between objects",
             field="return_joint_covariance",
         )
-    if job.return_samples > settings.max_return_samples:
-        raise LimitExceededError(
-            f"must be at most {settings.max_return_samples}", field="return_samples", value=job.return_samples
-        )
     own = job.propagator.own_sample_count if isinstance(job.propagator, Samples) else None
     if own is not None and job.return_samples > own:
         raise LimitExceededError(
@@ -459,10 +435,14 @@ def check_answer(job: Job, settings) -> None:
             field="return_samples",
             value=job.return_samples,
         )
-    size = job.answer_bytes()
-    if size > settings.max_response_bytes:
+    check_memory(job, settings)
+
+
+def check_memory(job: Job, settings, count: int = 1) -> None:
+    """Raise `LimitExceededError` if several predictions as of a job would take too much memory."""
+    if (size := count * job.memory) > _BYTES * settings.max_memory:
         raise LimitExceededError(
-            f"would take {size} bytes, and the limit is {settings.max_response_bytes}; ask for fewer states"
-            " or samples",
-            field="the answer",
+            f"takes {size / _BYTES:.3g} MB, and {_LIMIT.format(settings.max_memory)}; ask for fewer objects,"
+            " states, samples or candidates",
+            field="the prediction",
         )

@@ -50,7 +50,7 @@ from ...spatial.origin import at_com, congruent, error_map, inverse_error_map, m
 from ...spatial.rotation import rotation_matrix
 from .actions import ObjectActions, group_actions, read_actions, read_path
 from .covariances import ANY_ANGLE_VARIANCE, EXACT, CovarianceDefaults, ReadCovariance, read_whole
-from .environment import MATERIAL_FIELDS, element_id, read_environment, read_material
+from .environment import MATERIAL_FIELDS, element_id, read_environment, read_material, read_pairs
 from .fields import given_shapes, packed, writable, xyz, xyzw
 
 _AT_REST = 0.0, 0.0, 0.0
@@ -110,14 +110,12 @@ class ObjectReader(NamedTuple):
     ----------
     library : ModelLibrary
     covariance_defaults : CovarianceDefaults
-    max_spheres : int or None
     wait : bool
         Whether to wait for a mesh that is still being packed.
     """
 
     library: Any
     covariance_defaults: CovarianceDefaults
-    max_spheres: int | None
     wait: bool
 
 
@@ -145,8 +143,6 @@ class BodyFields(NamedTuple):
         """Return the message's name of an attribute of a `RigidBody`."""
         if attribute in MATERIAL_FIELDS:
             return f"{self.field}.material.{MATERIAL_FIELDS[attribute]}"
-        if attribute in ("mass_std", "center_of_mass_std"):
-            return f"{self.field}.belief.{attribute}"
         return self.actions.field(attribute) or f"{self.field}.{attribute}"
 
 
@@ -177,23 +173,12 @@ class ReadObject(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-class SceneLimits(NamedTuple):
-    """Largest numbers of objects, of spheres of an object, and of elements; None means no limit."""
-
-    objects: int | None = None
-    spheres: int | None = None
-    elements: int | None = None
-
-
-UNLIMITED = SceneLimits()
-
-
 def read_scene(
     message,
     library,
     physics,
     covariance_defaults=EXACT,
-    limits=UNLIMITED,
+    max_objects=None,
     *,
     actions=(),
     environment=None,
@@ -210,7 +195,8 @@ def read_scene(
     physics : dict
         Arguments of `Scene` besides bodies and environment; the stiffness may be `stiffness.AUTO`.
     covariance_defaults : CovarianceDefaults
-    limits : SceneLimits
+    max_objects : int, optional
+        Most objects, and most elements.
     actions : sequence of Action
     environment : unc_physics_msgs/Environment, optional
         By default that of the message.
@@ -227,17 +213,17 @@ def read_scene(
     objects = message.objects
     if len(objects) == 0:
         raise NoObjectsError("must name at least one object", field="scene.objects")
-    if limits.objects is not None and len(objects) > limits.objects:
+    if max_objects is not None and len(objects) > max_objects:
         raise LimitExceededError(
-            f"must be at most {limits.objects} objects", field="scene.objects", value=len(objects)
+            f"must be at most {max_objects} objects", field="scene.objects", value=len(objects)
         )
     wait = not skip_invalid_objects
     environment = message.environment if environment is None else environment
-    elements, packed = read_environment(environment, library.shape_packer, limits.elements, wait)
+    elements, packed = read_environment(environment, library.shape_packer, max_objects, wait)
     of_objects = fields.objects if fields else [f"scene.objects[{k}]" for k in range(len(objects))]
     ids = {own.id for own in objects}
     grouped = group_actions(actions, ids, fields.actions if fields else None)
-    reader = ObjectReader(library, covariance_defaults, limits.spheres, wait)
+    reader = ObjectReader(library, covariance_defaults, wait)
     read: list[ReadObject] = []
     skipped, taken = {}, set()
     for own, field in zip(objects, of_objects, strict=True):
@@ -261,6 +247,8 @@ def read_scene(
     bodies = tuple(own.body for own in read)
     mean = np.array([own.state for own in read])
     physics = with_chosen_stiffness(physics, bodies, mean)
+    if len(message.pairs):
+        physics = physics | {"pairs": read_pairs(message.pairs)}
     scene = _scene_of([own.fields for own in read], bodies, elements, physics)
     moving = scene.moving.copy()
     if len(message.joint_covariance.object_ids) or len(message.joint_covariance.data):
@@ -333,6 +321,8 @@ def _in_message(field, places):
         return places[int(found[1])].of(found[2])
     elif found := re.fullmatch(r"environment\[(\d+)\]\.(\w+)", field):
         place, name = f"scene.environment.elements[{found[1]}]", found[2]
+    elif field.startswith("pairs"):
+        return f"scene.{field.removesuffix('.between')}"
     else:
         return f"physics.{field}" if field in PHYSICS_KEYS else field
     return f"{place}.material.{MATERIAL_FIELDS[name]}" if name in MATERIAL_FIELDS else f"{place}.{name}"
@@ -354,7 +344,8 @@ def _scene_of(places, bodies, elements, physics):
         problem = error.problem
         if field.startswith("physics."):  # a missing value is the node's parameter
             problem = problem.removesuffix(" or absent")
-        kind = InvalidOptionError if isinstance(error, InvalidRequestError) else type(error)
+        of_pair = field.startswith("scene.pairs")
+        kind = type(error) if of_pair or not isinstance(error, InvalidRequestError) else InvalidOptionError
         raise kind(problem, field=field, value=error.value) from None
 
 
@@ -399,10 +390,8 @@ def _shape(message, reader):
     (name,) = given_shapes(message)
     if name == "model":
         scale = number(message.scale, "scale")
-        return reader.library.shape(message.model, message.spheres, scale, reader.max_spheres)
-    limit, packer = reader.max_spheres, reader.library.shape_packer
-    if limit is not None and message.spheres > limit:
-        raise LimitExceededError(f"must be at most {limit}", field="spheres", value=message.spheres)
+        return reader.library.shape(message.model, message.spheres, scale)
+    packer = reader.library.shape_packer
     pack = packer.of_mesh if name == "mesh" else packer.of_primitive
     packing = pack(getattr(message, name), message.spheres, name, reader.wait)
     return packing.scaled(number(message.scale, "scale") or 1.0)
@@ -426,7 +415,7 @@ def _body(message, place, reader):
     path = read_path(actions, origin)
     kinematic = fixed or path is not None
     mass = known_mass(message.mass or None, model, kinematic, f"{field}.mass")
-    stds = _EXACT if kinematic else _stds(message.belief, f"{field}.belief", mass)
+    stds = _EXACT if kinematic else _stds(message, field, mass)
     material = read_material(message.material, f"{field}.material")
     inertia = _inertia(message, f"{field}.inertia")
     drag = (("drag", message.drag),) if message.drag else ()
@@ -436,7 +425,7 @@ def _body(message, place, reader):
         at_start = moved(_state(message, field, fixed), origin, -1.0) if path is None else path.states[0]
         body = *body, bool(message.at_rest), inertia, path, named
         return body, at_start, np.zeros((ERROR, ERROR)), False, ()
-    pose, C, changes = _covariance(message.belief, f"{field}.belief", reader.covariance_defaults)
+    pose, C, changes = _covariance(message, field, reader.covariance_defaults)
     at_rest = bool(message.at_rest) or pose.is_supported
     state = moved(_state(message, field, fixed, at_rest), origin, -1.0)
     P = at_com(C, state, origin)
@@ -475,8 +464,8 @@ def _covariance(message, field, covariance_defaults):
     if len(message.covariance):
         whole = read_whole(message.covariance, ERROR, f"{field}.covariance")
         return ReadCovariance(whole.P), writable(whole.P), whole.changes
-    pose = covariance_defaults.known_pose(message.pose_covariance, f"{field}.pose_covariance")
-    twist = covariance_defaults.known_twist(message.twist_covariance, f"{field}.twist_covariance")
+    pose = covariance_defaults.known_pose(message.pose.covariance, f"{field}.pose.covariance")
+    twist = covariance_defaults.known_twist(message.twist.covariance, f"{field}.twist.covariance")
     C = np.zeros((ERROR, ERROR))
     C[_POSE], C[_TWIST] = pose.P, twist.P
     zeros = pose.zeros_replaced or twist.zeros_replaced
@@ -528,7 +517,7 @@ def _joint_covariance(message, scene, mean, known):
 
 def _state(message, field, fixed, at_rest=False):
     """Return the state (13,) at the model's origin; a fixed object is at rest."""
-    pose, twist = message.pose, message.twist
+    pose, twist = message.pose.pose, message.twist.twist
     position, q = xyz(pose.position), xyzw(pose.orientation)
     v, w = (_AT_REST, _AT_REST) if fixed else (xyz(twist.linear), xyz(twist.angular))
     try:
@@ -539,15 +528,15 @@ def _state(message, field, fixed, at_rest=False):
     if fine and abs(length - 1.0) < _ROUND_OFF:
         q = [component / length for component in q]
     else:  # checked separately, to name the invalid field
-        q = quaternion(q, f"{field}.pose.orientation")
-        position = point(position, f"{field}.pose.position")
-        v, w = array(v, (3,), f"{field}.twist.linear"), array(w, (3,), f"{field}.twist.angular")
+        q = quaternion(q, f"{field}.pose.pose.orientation")
+        position = point(position, f"{field}.pose.pose.position")
+        v, w = array(v, (3,), f"{field}.twist.twist.linear"), array(w, (3,), f"{field}.twist.twist.angular")
     if at_rest or message.at_rest:
         for velocity, name in ((v, "linear"), (w, "angular")):
             if any(velocity):
                 raise InvalidRequestError(
                     "must be zero, as the object is at_rest",
-                    field=f"{field}.twist.{name}",
+                    field=f"{field}.twist.twist.{name}",
                     value=tuple(velocity),
                 )
     state = np.empty(STATE)

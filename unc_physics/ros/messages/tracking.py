@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovariance, TwistWithCovariance
 
 from unc_physics_msgs.msg import Action, ObjectState, TrackedObject
 
@@ -58,9 +59,9 @@ def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> Pos
     UncPhysicsError
         That names the field of the observation.
     """
-    position = point(xyz(observed.pose.position), "pose.position")
-    q = quaternion(xyzw(observed.pose.orientation), "pose.orientation")
-    P = defaults.known_pose(observed.belief.pose_covariance, "pose.covariance").with_unmeasured()
+    position = point(xyz(observed.pose.pose.position), "pose.position")
+    q = quaternion(xyzw(observed.pose.pose.orientation), "pose.orientation")
+    P = defaults.known_pose(observed.pose.covariance, "pose.covariance").with_unmeasured()
     try:
         return PoseMeasurement([*position, *q], P, origin="model", axes="fixed")
     except UncPhysicsError as error:
@@ -69,17 +70,17 @@ def read_measurement(observed: ObjectState, defaults: CovarianceDefaults) -> Pos
 
 def before_first(observed: ObjectState, defaults: CovarianceDefaults) -> ObjectState:
     """Return what is known of a new object before its first observation: nearly nothing."""
-    read = defaults.known_pose(observed.belief.pose_covariance, "pose.covariance")
+    read = defaults.known_pose(observed.pose.covariance, "pose.covariance")
     # what is measured stays below the variances that mean that it is not
     most = np.repeat([MOST_POSITION_VARIANCE, MOST_ANGLE_VARIANCE], 3)
     least = np.maximum(read.P.diagonal(), np.finfo(float).tiny)
     factor = np.minimum(_BEFORE_FIRST, np.sqrt(most / least))
     P = read.P * np.outer(factor, factor)
     P[read.unmeasured, read.unmeasured] = 2.0 * most[list(read.unmeasured)]
-    state = ObjectState(id=observed.id, model=observed.model, pose=observed.pose, mass=observed.mass)
-    state.belief.pose_covariance = P.ravel()
+    state = ObjectState(id=observed.id, model=observed.model, mass=observed.mass)
+    state.pose = PoseWithCovariance(pose=observed.pose.pose, covariance=P.ravel())
     std = np.repeat([UNKNOWN_VELOCITY, UNKNOWN_SPIN], 3)
-    state.belief.twist_covariance = np.diag(std**2).ravel()
+    state.twist.covariance = np.diag(std**2).ravel()
     return state
 
 
@@ -144,11 +145,10 @@ def write_present(
         The tracker's time [s].
     """
     message, origin = copy.copy(given), writable(body.model.origin)
-    message.belief = copy.copy(given.belief)
     state, C, *_ = at_origin(writable(mean), writable(P), origin)
-    message.pose = pose_message(state[POSITION], state[QUATERNION])
-    message.twist = twist_message(state[VELOCITY], state[ANGULAR_VELOCITY])
-    message.belief.covariance = packed(C)
+    message.pose = PoseWithCovariance(pose=pose_message(state[POSITION], state[QUATERNION]))
+    message.twist = TwistWithCovariance(twist=twist_message(state[VELOCITY], state[ANGULAR_VELOCITY]))
+    message.covariance = packed(C)
     if body.trajectory is None:
         return message, []
     path = _rest_of_path(body.trajectory, mean, time)
