@@ -1,6 +1,8 @@
-"""Print the words of each page, and fail above 1 500: ``python docs/count_words.py [PAGE ...]``.
+"""Print the words of each page, and fail above 20 000 in all: ``python docs/count_words.py [PAGE ...]``.
 
-Code, link targets, pictures' files and markup do not count.
+All text written by hand counts, in README.md and below docs/: paragraphs, lists, cells of tables, and code
+within a line. Fenced blocks do not count: code, outputs, terms of the glossary, and tables from CSV files.
+Link targets, pictures' files, included files and generated pages do not count, either.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = "README.md", "docs/*.md", "docs/*/*.md"
-MOST = 1500
+MOST = 20_000
 NO_TEXT = re.compile(r"^```.*?^```$|^:::.*?$|^\(.*\)=$|\]\([^)]*\)|<[^>]+>", re.MULTILINE | re.DOTALL)
 WORD = re.compile(r"\w[\w'.,-]*")
 
@@ -28,9 +30,10 @@ def main(names: list[str]) -> int:
     ]
     counts = {page: words(page.read_text(encoding="utf-8")) for page in pages}
     for page, count in counts.items():
-        print(f"{count:6}  {page.resolve().relative_to(ROOT)}{'  TOO LONG' * (count > MOST)}")
-    print(f"{sum(counts.values()):6}  in all")
-    return int(max(counts.values()) > MOST)
+        print(f"{count:6}  {page.resolve().relative_to(ROOT)}")
+    total = sum(counts.values())
+    print(f"{total:6}  in all{'  TOO MANY' * (total > MOST)}")
+    return int(total > MOST)
 
 
 if __name__ == "__main__":
