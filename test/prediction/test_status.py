@@ -294,7 +294,8 @@ def test_sigma_points_of_which_some_fall_are_flagged():
     [
         (0.1, {}, "falls for ever"),
         (0.1, {"environment": [Plane()]}, None),
-        (0.1, {"gravity": (0, 0, 0)}, None),
+        (0.1, {"gravity": (0, 0, 0)}, "meets nothing"),
+        (0.1, {"gravity": (0, 0, 0), "environment": [Plane()]}, None),
         (4.0, {"environment": [Plane()]}, None),
         (6.0, {"environment": [Plane()]}, "has a size of 12 m"),
         (4e-4, {"environment": [Plane()]}, "has a size of 0.0008 m"),

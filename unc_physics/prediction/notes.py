@@ -56,14 +56,12 @@ def odd_size(scene: Scene, body: int) -> str | None:
     return f"has a size of {size:.3g} m; lengths are in metres, is it given in another unit?"
 
 
-def bottomless(scene: Scene, body: int) -> str | None:
-    """Return that a body, by its index, falls for ever, as nothing can stop it; None if something can."""
-    if (
-        scene.integrator == "explicit"
-        or not scene.bodies[body].free
-        or not scene.gravity.any()
-        or scene.environment
-        or not all(one.free for one in scene.bodies)
-    ):
+def endless(scene: Scene, body: int) -> str | None:
+    """Return that a body, by its index, falls or flies for ever, as nothing can stop it; else None."""
+    if scene.environment or not all(one.free for one in scene.bodies):
         return None
-    return "falls for ever, as the scene has no environment; give it a plane or a box to land on"
+    if scene.gravity.any():
+        return "falls for ever, as the scene has no environment; give it a plane or a box to land on"
+    if len(scene.bodies) == 1:
+        return "meets nothing, as the scene has neither gravity nor an environment; should it be everyday?"
+    return None
