@@ -285,14 +285,6 @@ def test_a_bad_scene_is_refused(tmp_path, recwarn, content, codes, words):
     assert not recwarn.list, "a warning would be printed beside the sentence"
 
 
-@pytest.mark.parametrize("content, codes, words", CASES[::12])
-def test_the_command_says_so_and_ends_with_the_code(tmp_path, capsys, content, codes, words):
-    path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(content))
-    code = main(["predict", str(path), "--json"])
-    assert_refused(code, *capsys.readouterr(), codes, words)
-
-
 def nested_aliases(levels=12):
     """Lists of ten of the list before, by aliases: a few hundred bytes."""
     lines = ["a: &l0 [x, x, x, x, x, x, x, x, x, x]"]

@@ -55,6 +55,11 @@ def statuses(scene, belief, name, horizon):
     return assess(predict(scene, belief, propagator, horizon))
 
 
+def test_flags_are_printed_by_name():
+    assert str(Status.NOT_CONVERGED | Status.MEAN_NOT_POSSIBLE) == "NOT_CONVERGED MEAN_NOT_POSSIBLE"
+    assert f"{Status.FINE}" == "FINE"
+
+
 def test_one_sample_of_a_scene_with_one_outcome_is_enough():
     """Nothing is uncertain, so that the sample is the answer; with a law that draws it is none."""
     exact = Scene.everyday([RigidBody("a", BALL, 1.0)], exact=True, environment=[Plane()])

@@ -5,7 +5,6 @@ them.
 import numpy as np
 import pytest
 from plain_scenes import BALL, G, packing
-from scipy.spatial.transform import Rotation
 
 from unc_physics import (
     Belief,
@@ -92,19 +91,3 @@ def test_beliefs_of_a_body_with_drag_are_those_of_samples(integrator):
         assert found.linear_velocity[0] == pytest.approx(ends.mean(), rel=0.03)
         assert found.linear_velocity_std[0] == pytest.approx(0.4 * std, rel=0.15)
         assert found.position[0] == pytest.approx(mean.mean(), rel=0.01)
-
-
-def test_a_turning_path_is_offset_about_its_first_pose():
-    """Along the axes of the body there."""
-    q = Rotation.from_rotvec([[0, 0, np.pi / 2], [0, 0, np.pi / 2]])
-    path = PosePath(times=[0, 1], positions=[[1, 0, 0], [1, 1, 0]], orientations=q.as_quat())
-    from unc_physics.scene.kinematic_states import path_states, vary_actions
-
-    hand = RigidBody("hand", BALL, trajectory=path, trajectory_std=[0.1, 0, 0, 0, 0, 0.5])
-    scene = Scene([hand])
-    own = vary_actions(scene, scene.actions, np.array([1.0, 2.0]))
-    start, end = path_states(scene, 0, [0.0, 1.0], own)
-    np.testing.assert_allclose(start[:3], [1, 0.1, 0], atol=1e-12)
-    np.testing.assert_allclose(end[:3], [1 - np.sin(1), 0.1 + np.cos(1), 0], atol=1e-12)
-    turned = Rotation.from_quat(end[6:10]) * q[0].inv()
-    np.testing.assert_allclose(turned.as_rotvec(), [0, 0, 1], atol=1e-12)

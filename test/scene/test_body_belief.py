@@ -92,6 +92,7 @@ def test_wrong_fields_are_named(fields, words):
         ([2, 2], 2, "moving must be ascending indices of bodies"),
         ([0, 1.5], 2, "moving must be ascending indices of bodies"),
         ([[0, 2]], 2, "moving must be ascending indices of bodies"),
+        ("ab", 2, "moving must"),
         ([0, 2], 3, "covariance must have 2 blocks, not 3"),
         ([0, 2], np.eye(24), None),
         ([0, 2], np.eye(36), r"covariance must have shape \(24, 24\), not \(36, 36\)"),

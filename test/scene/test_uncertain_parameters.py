@@ -164,18 +164,6 @@ def test_draws_of_the_state_stay_the_same(loaded):
     assert np.array_equal(more.parameters[:20], carries[1].parameters)
 
 
-@pytest.mark.parametrize("name", ["sigma_points", "monte_carlo"])
-def test_pieces_and_repetitions_give_the_same_numbers(loaded, name):
-    scene, belief, _ = loaded("two_bodies")
-    bodies = [dataclasses.replace(body, mass_std=0.1, center_of_mass_std=0.01) for body in scene.bodies]
-    scene = dataclasses.replace(scene, bodies=bodies, stiffness_std=1e3)
-    propagator = make_propagator(name, **({"samples": 20} if name == "monte_carlo" else {}))
-    at_once = predict(scene, belief, propagator, 1.0)
-    in_pieces = predict(scene, belief, propagator, 1.0, progress=lambda done, steps: None)
-    assert np.array_equal(at_once.carry.states, in_pieces.carry.states)
-    assert np.array_equal(at_once.belief.joint, in_pieces.belief.joint)
-
-
 @pytest.mark.parametrize("name", ["linearization", "surrogate", "local_sampling"])
 def test_other_propagators_name_the_field(loaded, name):
     scene, belief, _ = loaded("two_bodies")

@@ -7,9 +7,10 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from unc_physics import primitive_model
 from unc_physics.checks.errors import UnknownModelError
 from unc_physics.shapes import household_meshes as meshes
-from unc_physics.shapes import library
+from unc_physics.shapes import library, primitive_models
 from unc_physics.shapes.library import find_model, list_models, load_model, models_dirs
 from unc_physics.shapes.packing_file import save_packing
 from unc_physics.shapes.recipes import RECIPES, recipe_solid
@@ -120,3 +121,11 @@ def test_search_order(tmp_path, monkeypatch):
     assert models_dirs()[0] == MODELS and models_dirs()[-1] == library.cache_dir()
     assert find_model("only_here") == tmp_path / "ros" / library.SHARE / "only_here.npz"
     assert find_model("brick") == MODELS / "brick.npz"
+
+
+def test_packing_a_shape_is_announced_once(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(primitive_models, "cache_dir", lambda: tmp_path / "models")
+    monkeypatch.setattr(primitive_models, "SPHERES", 20)
+    for _ in range(2):
+        assert len(primitive_model("box", size=(0.051, 0.052, 0.053)).centers) <= 20
+    assert caplog.text.count("Packing a box with 20 spheres") == 1
