@@ -121,15 +121,18 @@ def test_other_meshes_are_cut_or_have_their_hull_with_a_note(tmp_path, cut, monk
         assert model.pieces_kind == HULL and model.pieces_error.max() > 0.02
 
 
-@pytest.mark.parametrize("name", ["hollow", "open", "prism", "ball"])
+@pytest.mark.parametrize("name", ["hollow", "open", "prism", "ball", "bent plate"])
 def test_other_meshes_are_no_boxes(name):
     box = trimesh.creation.box([1.0, 2.0, 3.0])
+    plate = trimesh.creation.box([1.0, 1.0, 0.002])
+    bend = 1e-5 * (np.arange(8) == 7)[:, None] * [0, 0, 1]  # m, as one of its corners
     hole = trimesh.creation.box([0.5, 0.5, 0.5])
     meshes = {
         "hollow": trimesh.util.concatenate([box, trimesh.Trimesh(hole.vertices, hole.faces[:, ::-1])]),
         "open": trimesh.Trimesh(box.vertices, box.faces[:-2], process=False),
         "prism": trimesh.creation.cylinder(1.0, 2.0, sections=6),
         "ball": trimesh.creation.icosphere(subdivisions=1),
+        "bent plate": trimesh.Trimesh(plate.vertices + bend, plate.faces),
     }
     assert simple_shape(box.vertices, box.faces) is not None
     assert simple_shape(meshes[name].vertices, meshes[name].faces) is None

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial.transform import Rotation
 
-from unc_physics import from_urdf, load_world
+from unc_physics import load_world
 from unc_physics.descriptions.parts import referred
 from unc_physics.descriptions.reading import read_description
 
@@ -109,12 +108,10 @@ def test_a_link_that_cannot_be_read_is_left_out_with_the_reason(tmp_path, entry,
     assert len(found.left_out) == 1 and found.left_out[0].startswith(f"m::l: {said}")
 
 
-def test_a_mass_without_moments_has_those_of_the_shape_and_missing_ones_are_one(tmp_path):
-    for missing in ("", "<inertial/>"):
-        default = link_of(tmp_path, missing).inertial
-        assert default is not None and (default.mass, default.pose, default.inertia) == (1.0, None, None)
-    plain = link_of(tmp_path, "<inertial><mass>0.2</mass></inertial>").inertial
-    assert plain is not None and plain.mass == 0.2 and plain.inertia is None
+def test_missing_masses_and_moments_are_one(tmp_path):
+    for entries, placed in (("", False), ("<pose>1 0 0 0 0 0</pose>", True)):
+        found = link_of(tmp_path, f"<inertial>{entries}</inertial>").inertial
+        assert found is not None and found.mass == 1.0 and (found.pose is not None) == placed
     entries = "<ixx>3</ixx><ixy>0.1</ixy><ixz>0.2</ixz><iyz>0.3</iyz><izz>5</izz>"
     own = link_of(
         tmp_path, f"<inertial><mass>2</mass><pose>1 0 0 0 0 0.5</pose><inertia>{entries}</inertia></inertial>"
@@ -157,20 +154,6 @@ def test_shapes_have_sizes_surfaces_and_problems(tmp_path):
         assert (found.kind, found.size, found.problem) == (kind, size, problem)
         assert found.friction is None and found.restitution == (None if kind == "nothing" else 0.3)
         np.testing.assert_allclose(found.pose, pose((1, 0, 0), (0, 0, 0.2)))
-
-
-@pytest.mark.parametrize(
-    ("scale", "edges"),
-    [("", (1, 2, 3)), ("<scale>0.1 0.2 0.3</scale>", (0.1, 0.4, 0.9)), ("<scale>-1 1 2</scale>", (1, 2, 6))],
-)
-def test_meshes_are_scaled_along_each_axis_and_may_be_mirrored(tmp_path, scale, edges):
-    trimesh.creation.box([1.0, 2.0, 3.0]).export(tmp_path / "box.stl")
-    text = f"<mesh><uri>box.stl</uri>{scale}</mesh>"
-    shape_of(tmp_path, f"<geometry>{text}</geometry>")
-    model = from_urdf(tmp_path / "a.sdf", spheres=4)
-    np.testing.assert_allclose(model.bounds[1] - model.bounds[0], edges, rtol=1e-6)
-    assert model.volume == pytest.approx(np.prod(edges), rel=1e-6)
-    assert model.mass == 1.0
 
 
 JOINT = "<joint name='{}' type='{}'><parent>{}</parent><child>b</child></joint>"

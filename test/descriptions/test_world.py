@@ -53,31 +53,17 @@ def test_all_that_is_left_out_is_named(kitchen):
 
 
 def test_a_robot_is_fixed_as_far_as_no_joint_moves_it(folder):
-    base, post = load_world(folder / "arm.urdf").environment
+    done = []
+    arm = load_world(folder / "arm.urdf", progress=lambda *counts: done.append(counts))
+    base, post = arm.environment
     assert (base.shape, post.shape, post.name) == ("box", "cylinder", "post")
     np.testing.assert_allclose(post.position, [0, 0, 0.3], atol=1e-12)
-    left_out = load_world(folder / "arm.urdf").left_out
-    assert left_out == (
+    assert done == [(k, 5) for k in range(5)]
+    assert arm.left_out == (
         "post: a shape that is not read: cone",
         "hand: moves with the joint turn",
         "visual_only: moves with the joint tip",
     )
-
-
-def test_a_link_without_a_mass_at_a_floating_joint_is_fixed(tmp_path):
-    """With a mass it is free."""
-    geometry = "<collision><geometry><box size='1 1 1'/></geometry></collision>"
-    text = "<robot name='r'><link name='root'/><link name='crate'>{}</link><joint name='j' type='floating'>"
-    text += "<parent link='root'/><child link='crate'/></joint></robot>"
-    path = tmp_path / "crate.urdf"
-    path.write_text(text.format(geometry))
-    done = []
-    world = load_world(path, spheres=8, progress=lambda *counts: done.append(counts))
-    assert [element.name for element in world.environment] == ["crate"] and not world.bodies
-    assert world.left_out == () and done == [(0, 2), (1, 2)]
-    path.write_text(text.format(geometry + "<inertial><mass value='2'/></inertial>"))
-    (body,) = load_world(path, spheres=8).bodies
-    assert body.mass == 2.0 and not body.fixed
 
 
 def test_at_a_configuration_all_of_it_is_fixed(folder):

@@ -49,6 +49,8 @@ def test_events_are_what_they_say():
     states[:, 0, :3] = rng.uniform(-1.0, 1.0, (200, 3))
     turns = Rotation.random(200, rng)
     states[:, 0, 6:10] = turns.as_quat()
+    for part in (slice(3, 6), slice(10, 13)):
+        states[:, 0, part] = rng.normal(0.0, 0.02, (200, 3))
     start = BELIEF.mean.copy()
     held_turn = Rotation.from_euler("xyz", [0.4, -0.3, 1.0])
     start[0, 6:10], start[0, 2] = held_turn.as_quat(), 0.5
@@ -62,6 +64,9 @@ def test_events_are_what_they_say():
     )
     on_its_side = Upright("box", axis=(2.0, 0.0, 0.0), angle=np.radians(20.0)).happened(outcomes)
     np.testing.assert_array_equal(on_its_side, lean([1.0, 0.0, 0.0]) < 20.0)
+    speed, spin = (np.linalg.norm(states[:, 0, part], axis=1) for part in (slice(3, 6), slice(10, 13)))
+    resting = AtRest("box", speed=0.03, angular_speed=0.04)
+    np.testing.assert_array_equal(resting.happened(outcomes), (speed < 0.03) & (spin < 0.04))
     height = states[:, 0, 2]
     np.testing.assert_array_equal(FellOff("box").happened(outcomes), height < 0.5 - BOX.bounding_radius)
     np.testing.assert_array_equal(FellOff("box", drop=0.1).happened(outcomes), height < 0.4)

@@ -207,10 +207,18 @@ def test_bodies_come_and_go():
         tracker.correct(k / RATE, {"box0": measured(RESTING, rng)})
     beside = pose([0.3, 0.0, SIDE / 2])
     unknown = UNKNOWN | {"position_std": 0.003, "orientation_std": 0.02}
-    tracker.add(RigidBody("cup", box(), 0.2), BodyBelief(position=beside[:3], **unknown))
+    ends = beside, pose(beside[:3], [0, 0, 1, 0])  # which the detector takes for each other
+    tracker.add(
+        RigidBody("cup", box(), 0.2),
+        BodyBelief(position=beside[:3], **unknown),
+        symmetry=[[0, 0, 0, 1], [0, 0, 1, 0]],
+    )
     assert tracker.status("cup") is TrackStatus.STARTING
     for k in range(16, 46):
-        report = tracker.correct(k / RATE, {"box0": measured(RESTING, rng), "cup": measured(beside, rng)})
+        report = tracker.correct(
+            k / RATE, {"box0": measured(RESTING, rng), "cup": measured(ends[k % 2], rng)}
+        )
+        assert report.rejected == ()
     assert set(report.status.values()) == {TrackStatus.RESTING}
     assert np.linalg.norm(tracker.belief().mean[1, :3] - beside[:3]) < 3e-3
     before, other = tracker.samples()[:, 1], tracker.fork()
