@@ -358,7 +358,7 @@ def advance(states, first_time, memory, world, variation, place_in, begin, stops
                 while now < end:  # in parts between which bodies are attached or released
                     then = next_change(now, end, world.actions, own.held)
                     par[STEP_NUMBER], par[PART] = begin + done, part
-                    found = take_step(contacts, B, now, then, begin + done == 0, world.actions, own, work)
+                    found = take_step(contacts, B, now, then, world.actions, own, work)
                     if found == FULL:
                         work = _larger(contacts, world, work)
                         continue

@@ -37,7 +37,6 @@ from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
     ACCEL,
     CENTRE,
-    DEEPER,
     DRIFT,
     DRIVEN,
     FACES,
@@ -458,7 +457,7 @@ def _touching(m, k, b, lean, Y, solids, search):
         done, deep, _ = manifold_of_pieces(
             pa, pb, n, False, reach, lean, base, Y, pieces, rows, search.polygons, out, k
         )
-        if own and (done == 0 or deep > gap + DEEPER):
+        if own and (done == 0 or deep > gap + GHOST):
             middle = times(0.5, plus(three(near, c, N_P), three(near, c, N_Q)))
             write_contact(out, k + done, middle, gap, n, pa, pb, NO_FACE)
             done += 1

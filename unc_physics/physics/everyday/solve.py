@@ -197,10 +197,10 @@ def _extrapolate(first, last, C, Y, more):
 
 
 @inner(noinline=True, error_model="numpy")
-def solve(rounds, first, last, C, Y, h):
+def solve(first, last, C, Y, h):
     """Sweep until speeds change little, and extrapolate what converges slowly; return how many."""
     before = 0.0
-    for r in range(rounds):
+    for r in range(SWEEPS):
         if r >= FEW_SWEEPS:
             for k in range(first, last):
                 write(C, k, BEFORE, three(C, k, LN))
@@ -216,7 +216,7 @@ def solve(rounds, first, last, C, Y, h):
             if r % 4 == 2 and EXTRAPOLATE < ratio < 1.0:
                 _extrapolate(first, last, C, Y, min(ratio / (1.0 - ratio), FARTHEST))
                 before = 0.0
-    return rounds
+    return SWEEPS
 
 
 @inner(noinline=True)

@@ -55,7 +55,6 @@ from .columns import (
     SUBSTEPS,
     SURFACE_A,
     SWEEPS,
-    SWEEPS_FRESH,
     TILTED,
     TRAVEL,
     TURN,
@@ -108,7 +107,7 @@ class Work(NamedTuple):
 
 
 @inner
-def take_step(before, bodies, begin, end, fresh, actions, own, work):
+def take_step(before, bodies, begin, end, actions, own, work):
     """Take one step from begin to end.
 
     Parameters
@@ -119,8 +118,6 @@ def take_step(before, bodies, begin, end, fresh, actions, own, work):
         Number of the scene's bodies; the rows after them are fixed.
     begin, end : float
         [s].
-    fresh : bool
-        Whether this is the rollout's first step.
     actions : Actions
     own : Own
     work : Work
@@ -152,7 +149,7 @@ def take_step(before, bodies, begin, end, fresh, actions, own, work):
             _stop(members, Y)
             _bear(first, last, C, end - begin)
         else:
-            _advance(first, last, members, begin, end, fresh, actions, own, work)
+            _advance(first, last, members, begin, end, actions, own, work)
     _fly(bodies, begin, end, Y, groups, actions, own)
     end_drives(end, Y, actions, own, work.states)
     _count_ways(bodies, end - begin, Y, groups)
@@ -161,7 +158,7 @@ def take_step(before, bodies, begin, end, fresh, actions, own, work):
 
 
 @inner
-def _advance(first, last, members, begin, end, fresh, actions, own, work):
+def _advance(first, last, members, begin, end, actions, own, work):
     """Move one group through the step, with the contacts found at its start.
 
     A substep ends early at the first impact; the next one begins with it. Then: half a move, impulses with
@@ -172,13 +169,12 @@ def _advance(first, last, members, begin, end, fresh, actions, own, work):
     if dt > LONGEST or _turns(members, Y, dt):
         longest = dt / SUBSTEPS
     while end - now > _END * dt:
-        rounds, h = SWEEPS_FRESH if fresh else SWEEPS, min(longest, end - now)
+        h = min(longest, end - now)
         if driven:
             drive(now, now + _AT_ONCE * dt, Y, actions, own, states)
         soon, deep = _refresh(first, last, C, Y, h, True)
         if soon <= _AT_ONCE * dt or (soon <= h and cuts == 0):
             impacts(first, last, C, Y, par, own.key, work.count)
-            rounds = SWEEPS_FRESH
             soon, deep = _refresh(first, last, C, Y, h, False)
         if _AT_ONCE * dt < soon <= h and cuts > 0:
             h, cuts = soon, cuts - 1
@@ -194,7 +190,7 @@ def _advance(first, last, members, begin, end, fresh, actions, own, work):
         for i in members:
             accelerate(i, Y, now, h, par, actions)
         start_warm(first, last, C, Y, h)
-        _hold(rounds, first, last, members, C, Y, h, work.matrix, work.count)
+        _hold(first, last, members, C, Y, h, work.matrix, work.count)
         note(first, last, C)
         if deep:
             push_out(first, last, members, C, Y, h)
@@ -289,11 +285,11 @@ def _prepare(first, last, members, C, Y, t):
 
 
 @inner
-def _hold(rounds, first, last, members, C, Y, h, matrix, count):
+def _hold(first, last, members, C, Y, h, matrix, count):
     """Find contact impulses: by sweeps, and where these run out and masses differ much, directly."""
-    r = solve(rounds, first, last, C, Y, h)
+    r = solve(first, last, C, Y, h)
     count[VISITS] += r * (last - first)
-    if r == rounds and 1 < last - first <= DIRECT_MOST:
+    if r == SWEEPS and 1 < last - first <= DIRECT_MOST:
         light, heavy = 0.0, math.inf  # inverse masses
         for i in members:
             light, heavy = max(light, Y[i, IMASS]), min(heavy, Y[i, IMASS])
