@@ -11,9 +11,12 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
+
+from .jobs import Settings
 
 POSITION_STD, ROTATION_STD = 0.004, 0.02  # m, rad: of a detected pose
 _MODELS = ("can", "salt_box", "bottle", "can", "mug", "salt_box", "can", "brick", "bottle", "can")
@@ -24,6 +27,11 @@ _READY_TIMEOUT = 600.0  # s; a cold cache compiles everything
 _END_TIMEOUT = 20.0  # s
 #: Keys of the kinds of scenes.
 BOX, TABLE, BIN = "box", "table", "bin"
+
+
+def missing_ros(*_: Settings) -> list[str]:
+    """Return ROS 2 if it is not installed."""
+    return [] if find_spec("rclpy") else ["the node: it needs ROS 2 (rclpy)"]
 
 
 @contextlib.contextmanager

@@ -133,6 +133,18 @@ def test_a_shifted_centre_of_mass_moves_the_spheres_and_what_bounds_them(model):
     assert np.all(gap <= bounds[node, 3, k])
 
 
+def test_masses_and_the_stiffness_vary_by_their_laws(model):
+    """Log-normal; a mass and its inertia share a factor."""
+    scene = Scene([RigidBody("a", model, 2.0, mass_std=0.4)], stiffness=1e5, stiffness_std=1e4)
+    assert {parameter.name for parameter in scene.uncertain} == {"mass", "stiffness"}
+    own, found, factor = scene.world, vary(scene, np.full(2, 2.0)), np.exp(0.4)
+    assert found.stiffness == pytest.approx(1e5 * np.exp(0.2))
+    for name in ("mass", "inertia"):
+        np.testing.assert_allclose(getattr(found.bodies, name), getattr(own.bodies, name) * factor)
+        inverse = f"inverse_{name}"
+        np.testing.assert_allclose(getattr(found.bodies, inverse), getattr(own.bodies, inverse) / factor)
+
+
 def test_an_off_centre_push_turns_by_the_shifted_centre_of_mass(model):
     ball = model.prefix(1)
     scene = Scene(

@@ -9,6 +9,7 @@ import numpy as np
 from ..jobs import Job, Outcome, Row, Settings
 from ..results import Results
 from ..served_scenes import BIN, BOX, TABLE, cpu_time, scene_message, served, wait_until
+from ..served_scenes import missing_ros as missing
 from ..tables import number
 
 TITLE = "Latency of the node"
@@ -43,18 +44,9 @@ def jobs(settings: Settings) -> list[Job]:
     return [Job("latency", settings.parameters(**part), cost=30.0, alone=True) for part in parts]
 
 
-def missing(settings: Settings) -> list[str]:
-    """Return ROS 2 if it is not installed."""
-    from importlib.util import find_spec
-
-    return [] if find_spec("rclpy") else ["the node: it needs ROS 2 (rclpy)"]
-
-
 def run(job: Job) -> Outcome:
     """Return latencies of one scene, from the input's stamp or the call to the answer."""
-    from importlib.util import find_spec
-
-    if not find_spec("rclpy"):
+    if missing():
         return Outcome([])
     p, rng = job.parameters, np.random.default_rng(job.seed("errors of poses"))
 

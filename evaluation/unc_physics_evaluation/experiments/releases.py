@@ -15,6 +15,7 @@ from ..engines import MuJoCoRollouts
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO
 from ..results import Results
+from ..served_scenes import missing_ros as missing
 from ..served_scenes import served
 
 TITLE = "Releases and pushes"
@@ -45,18 +46,9 @@ def jobs(settings: Settings) -> list[Job]:
     ]
 
 
-def missing(settings: Settings) -> list[str]:
-    """Return ROS 2 if it is not installed."""
-    from importlib.util import find_spec
-
-    return [] if find_spec("rclpy") else ["the node: it needs ROS 2 (rclpy)"]
-
-
 def run(job: Job) -> Outcome:
     """Return whether each outcome lies in each region: 0 or 1."""
-    from importlib.util import find_spec
-
-    if not find_spec("rclpy"):
+    if missing():
         return Outcome([])
     from unc_physics_msgs.srv import Predict
 
