@@ -101,7 +101,8 @@ def test_fixed_meshes_of_boxes_are_boxes_of_the_environment(tmp_path):
 @pytest.mark.parametrize("cut", [False, True])
 def test_other_meshes_are_cut_or_have_their_hull_with_a_note(tmp_path, cut, monkeypatch):
     plate, wall = trimesh.creation.box([0.1, 0.1, 0.01]), trimesh.creation.box([0.01, 0.1, 0.08])
-    wall.apply_translation([0.045, 0.0, 0.044])
+    wall.apply_transform(trimesh.transformations.rotation_matrix(0.2, (0.0, 1.0, 0.0)))  # no boxes
+    wall.apply_translation([0.035, 0.0, 0.04])
     trimesh.boolean.union([plate, wall], engine="manifold").export(tmp_path / "bracket.stl")
     halves = tuple(Hull(part.vertices) for part in (plate, wall))
 

@@ -24,14 +24,13 @@ def solid_of(name, *meshes):
 
 
 def bracket():
-    """An L of two plates: 100 x 50 x 10 mm and 10 x 50 x 90 mm."""
+    """A bent sheet of two plates, 100 x 50 x 10 mm and 10 x 50 x 90 mm, at 100 degrees: not of boxes."""
     foot = trimesh.creation.box((0.1, 0.05, 0.01))
     wall = trimesh.creation.box((0.01, 0.05, 0.09))
-    wall.apply_translation([-0.045, 0.0, 0.05])
+    wall.apply_translation([0.005, 0.0, 0.045])
+    wall.apply_transform(trimesh.transformations.rotation_matrix(np.radians(-10.0), (0.0, 1.0, 0.0)))
+    wall.apply_translation([-0.05, 0.0, 0.0])
     return solid_of("bracket", foot.union(wall))
-
-
-VOLUME = 0.1 * 0.05 * 0.01 + 0.01 * 0.05 * 0.09
 
 
 def test_parts_of_a_body_are_recognised_one_by_one():
@@ -159,7 +158,7 @@ def test_numbers_of_pieces(value):
 def test_a_tolerance_that_the_pieces_miss(monkeypatch):
     monkeypatch.setattr(module, "_decomposed", lambda solid, *_: hull_pieces(solid))
     with pytest.raises(
-        InvalidMeshError, match="mesh bracket is .* mm off its 1 piece, and 10 mm are allowed"
+        InvalidMeshError, match="mesh bracket is .* mm off its 1 piece, and 11.6 mm are allowed"
     ):
         mesh_pieces(bracket())
     assert mesh_pieces(bracket(), tolerance=0.1).kind == "hull of a mesh that is not convex"
@@ -170,15 +169,17 @@ def test_a_bracket_is_two_plates():
     pytest.importorskip("coacd")
     found = mesh_pieces(bracket())
     assert found.kind == "convex decomposition" and len(found.pieces) == 2
-    assert mass_properties(found.pieces).volume == pytest.approx(VOLUME, rel=0.002)
-    assert found.error.largest < 1e-4
+    assert mass_properties(found.pieces).volume == pytest.approx(bracket().volume, rel=0.02)
+    assert found.error.largest < 0.01 * found.extent
 
 
 def test_a_bin_with_thin_walls_gets_fine_pieces():
-    """The coarse cuts close the bin: finer ones are tried until the error is allowed."""
+    """The coarse cuts close the bin: finer ones are tried until the error deserves no note."""
     pytest.importorskip("coacd")
-    found = mesh_pieces(make_solid("bin", *meshes.bin()), seconds=300.0)
-    assert len(found.pieces) <= module.PIECES and found.error.largest < 0.02 * found.extent
+    vertices, faces = meshes.bin()
+    vertices[:, :2] *= 1.0 + vertices[:, 2:]  # walls that lean are no boxes
+    found = mesh_pieces(make_solid("bin", vertices, faces), seconds=300.0)
+    assert len(found.pieces) <= module.PIECES and found.note is None
 
 
 def test_the_same_pieces_on_any_number_of_threads_and_no_time():

@@ -139,6 +139,27 @@ def test_shapes_that_are_not_round(mesh):
         assert mesh.volume == pytest.approx(2.0 / 3.0 * np.pi, rel=0.02)
 
 
+def test_meshes_of_faces_along_three_axes_are_boxes():
+    foot, back = trimesh.creation.box((0.12, 0.06, 0.008)), trimesh.creation.box((0.008, 0.06, 0.09))
+    back.apply_translation([-0.056, 0.0, 0.041])
+    bracket = foot.union(back)
+    table = trimesh.creation.box((1.0, 0.6, 0.03))
+    for x, y in ((0.46, 0.26), (0.46, -0.26), (-0.46, 0.26), (-0.46, -0.26)):
+        leg = trimesh.creation.box((0.05, 0.05, 0.7))
+        leg.apply_translation([x, y, -0.355])
+        table = table.union(leg)
+    motion = Rotation.from_rotvec([0.3, -1.0, 0.4]).as_matrix(), np.array([0.1, 0.2, -0.3])
+    for mesh, count in ((bracket, 2), (table, 5), (bracket.subdivide().subdivide(), 2)):
+        corners = moved(of(mesh), motion)
+        pieces = found(corners, "boxes")
+        assert len(pieces) == count and surface_error(pieces, corners, 1000).largest < 1e-12
+        assert recognized(corners, count - 1) is None, "too many"
+    assert len(found(triangles(*meshes.bin()), "boxes")) == 9
+    leaning = trimesh.creation.box((0.12, 0.06, 0.02))
+    leaning.apply_transform(trimesh.transformations.rotation_matrix(0.01, (0.0, 1.0, 0.0)))
+    assert recognized(of(leaning.union(back)), MOST) is None
+
+
 def test_a_box_with_a_small_hole_is_no_box():
     plate = trimesh.creation.box((0.1, 0.1, 0.01))
     drill = trimesh.creation.cylinder(0.002, 0.05)

@@ -23,10 +23,10 @@ def add_pack_command(commands) -> None:
         help="pack a mesh with spheres",
         description=(
             "Make a model file of a closed mesh: convex pieces that are its shape, and disjoint spheres that"
-            " fill it. Boxes, cylinders, spheres, capsules and surfaces of revolution are recognised; a mesh"
-            " that fills 97 % of its convex hull is its hull; coacd cuts others into hulls. The first spheres"
-            " give the body its extent, flat faces and rims; the others follow by size."
-            " Mass properties are those of the mesh, at uniform density."
+            " fill it. Boxes, their unions, cylinders, spheres, capsules and surfaces of revolution are"
+            " recognised; a mesh that fills 97 % of its convex hull is its hull; coacd cuts others into"
+            " hulls. The first spheres give the body its extent, flat faces and rims; the others follow by"
+            " size. Mass properties are those of the mesh, at uniform density."
         ),
         epilog=(
             "All formats that trimesh reads are accepted. Cavities and several components are allowed. A link"

@@ -34,9 +34,9 @@ PIECES = 32
 CONVEX = 0.97
 #: Surface errors as shares of the extent: the 99th percentile that deserves a note, the largest one allowed.
 NOTED, REFUSED = 0.02, 0.10
-#: Concavities at which coacd stops to cut; of those, the number that is always tried. The finer ones are for
-#: meshes with thin walls: they are tried until the error is within the tolerance.
-_THRESHOLDS, _TRIED = (0.1, 0.05, 0.02, 0.01), 2
+#: Concavities at which coacd stops to cut. The first suits most meshes; a coarser one is at times nearer, and
+#: finer ones are for thin walls. They are tried until the error is allowed, and deserves no note.
+_THRESHOLDS = (0.05, 0.1, 0.02, 0.01)
 #: Share of the extent by which a mesh is simplified before it is cut.
 _SIMPLIFIED = 0.003
 #: Share of the extent by which a mesh is outside its hull, at most: the hull's number of corners follows. Up
@@ -130,8 +130,8 @@ def mesh_pieces(
 ) -> MeshPieces:
     """Return the pieces of a solid.
 
-    Each component that is a box, cylinder, sphere, capsule or surface of revolution is recognised, and one
-    that fills 97 % of its hull is its hull. Other solids are cut by the library coacd. A few settings are
+    A component of boxes, a cylinder, sphere, capsule or surface of revolution is recognised, and one that
+    fills 97 % of its hull is its hull. Other solids are cut by the library coacd. Up to four settings are
     tried, and the result with the smallest surface error is kept: more pieces are not always nearer.
 
     Parameters
@@ -299,7 +299,7 @@ def _decomposed(solid, most, tolerance, seconds, threads, stop) -> MeshPieces:
     depth = _hull_depth(extent, tolerance)
     best: MeshPieces | None = None
     limit = REFUSED * extent if tolerance is None else tolerance
-    for k, threshold in enumerate(_THRESHOLDS):
+    for threshold in _THRESHOLDS:
         try:
             parts = convex_parts(vertices, faces, threshold, count, goes_on, threads)
         except TimeoutError:
@@ -310,7 +310,7 @@ def _decomposed(solid, most, tolerance, seconds, threads, stop) -> MeshPieces:
         found = measured_pieces(hulls, "convex decomposition", solid)
         if best is None or _rank(found) < _rank(best):
             best = found
-        if best.error.largest <= (limit if k + 1 >= _TRIED else _EQUAL * extent):
+        if best.error.largest <= limit and not best.note:
             break
     assert best is not None
     return best

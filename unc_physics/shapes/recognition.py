@@ -1,4 +1,4 @@
-"""Meshes of simple shapes: box, sphere, capsule, cylinder and other surfaces of revolution.
+"""Meshes of simple shapes: boxes, sphere, capsule, cylinder and other surfaces of revolution.
 
 A mesh is recognised if its corners are on the shape's surface within `CORNERS` of its extent, and its chords
 within `CHORDS` of the largest radius; flat faces have no chords. A mesh of a round shape has corners on a
@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import permutations
 
 import numpy as np
 
 from .pieces import Hull, Piece, box, cylinder
 from .revolution import lathe_pieces
 from .solid_mesh import unique_rows
+from .surface_error import distances_outside
 
 #: Distance of a mesh's corners from a shape's surface, as a share of the mesh's extent.
 CORNERS = 1e-3
@@ -34,6 +36,7 @@ _SHARE = 0.02
 #: Distance that pieces may stick out where it is hollow, as a share of the extent, unless they are too many.
 FINEST = 0.004
 _CLOSE = 1.03  # ratio of the distances with few enough and with too many pieces at which a search ends
+_CELLS = 20_000  # between the planes of faces, at most: a second for the search of what is inside
 _SIDE = 0.05  # cosine between a normal of a side and the axis
 
 Found = tuple[str, tuple[Piece, ...]]
@@ -47,7 +50,7 @@ def recognized(corners: np.ndarray, most: int, finest: float | None = None) -> F
     corners : (m, 3, 3) array
         Corners of the triangles, counter-clockwise from outside [m].
     most : int
-        Number of pieces, at most, where a surface of revolution is hollow: fewer stick out more.
+        Number of boxes, at most, and of pieces of a hollow surface of revolution, where fewer stick out more.
     finest : float, optional
         Distance by which they may stick out even if more pieces are allowed [m]; by default 0.4 % of the
         extent. Half of it is on either side of the mesh.
@@ -56,6 +59,8 @@ def recognized(corners: np.ndarray, most: int, finest: float | None = None) -> F
     for test in (_ball, _box):
         if (piece := test(mesh)) is not None:
             return piece
+    if (boxes := _boxes(mesh, most)) is not None:
+        return boxes
     for axis in mesh.axes():
         for test in (_cylinder, _capsule):
             if (piece := test(mesh, *mesh.refined(axis))) is not None:
@@ -113,6 +118,15 @@ class _Mesh:
         first = np.argsort(-areas, kind="stable")[:count]
         return [up[np.flatnonzero(member == k)[0]] for k in first if areas[k] > 0.0]
 
+    def frames(self):
+        """Yield rotation matrices whose columns are the normals of a box's faces, as far as there are any."""
+        for first in self.large_normals(3):
+            across = [n for n in self.large_normals(6) if abs(n @ first) < CORNERS]
+            if across:
+                second = across[0] - (across[0] @ first) * first
+                second /= np.linalg.norm(second)
+                yield np.column_stack([first, second, np.cross(first, second)])
+
     def refined(self, axis):
         """Return an axis and a point on it, fitted to the sides that are parallel to it, if there are any."""
         point = self.center
@@ -157,13 +171,7 @@ def _ball(mesh) -> Found | None:
 
 
 def _box(mesh) -> Found | None:
-    for first in mesh.large_normals(3):
-        across = [n for n in mesh.large_normals(6) if abs(n @ first) < CORNERS]
-        if not across:
-            continue
-        second = across[0] - (across[0] @ first) * first
-        second /= np.linalg.norm(second)
-        turn = np.column_stack([first, second, np.cross(first, second)])
+    for turn in mesh.frames():
         local = mesh.points @ turn
         low, high = local.min(axis=0), local.max(axis=0)
         middle, half = turn @ (0.5 * (low + high)), 0.5 * (high - low)
@@ -174,6 +182,63 @@ def _box(mesh) -> Found | None:
         if mesh.fits(distance, 0.0, 8.0 * float(half.prod())):
             return "box", (box(2.0 * half).moved(middle, turn),)
     return None
+
+
+def _boxes(mesh, most) -> Found | None:
+    """Return the boxes whose union is a mesh of faces along three axes, as of an L, a table or a bin.
+
+    The planes of faces divide space into cells. Of those that are inside, each box takes as many as it can.
+    """
+    turn, large = next(iter(mesh.frames()), None), mesh.areas > (_SAME * mesh.extent) ** 2
+    if turn is None:
+        return None
+    cosines = np.abs(mesh.normals[large] @ turn)
+    if np.any(cosines.max(axis=1) < 1.0 - CORNERS**2):
+        return None
+    corners, axis = mesh.corners[large, 0] @ turn, cosines.argmax(axis=1)
+    planes = [_levels(corners[axis == k, k], _SAME * mesh.extent) for k in range(3)]
+    middles = [0.5 * (heights[1:] + heights[:-1]) for heights in planes]
+    shape = tuple(len(heights) for heights in middles)
+    if math.prod(shape) > _CELLS:
+        return None
+    points = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, 3) @ turn.T
+    inside = (distances_outside(mesh.corners, points) == 0.0).reshape(shape)
+    left, pieces = inside.copy(), []
+    while left.any():
+        if len(pieces) == most:
+            return None
+        cell = np.argwhere(left)[0]
+        found = [_grown(inside, cell, order) for order in permutations(range(3))]
+        low, high = max(found, key=lambda ends: int(left[_cells(*ends)].sum()))
+        left[_cells(low, high)] = False
+        a, b = (np.array([heights[k] for heights, k in zip(planes, at, strict=True)]) for at in (low, high))
+        pieces.append(box(b - a).moved(turn @ (0.5 * (a + b)), turn))
+    return "boxes", tuple(pieces)
+
+
+def _levels(heights, same):
+    """Return the distinct ones of heights (n,), of which those closer than ``same`` are one."""
+    heights = np.sort(heights)
+    return np.array(
+        [group.mean() for group in np.split(heights, np.flatnonzero(np.diff(heights) > same) + 1)]
+    )
+
+
+def _cells(low, high):
+    return tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+
+
+def _grown(inside, cell, order):
+    """Return the ends of a box of cells around a cell, that grows along one axis after the other."""
+    low, high = cell.copy(), cell + 1
+    for axis in order:
+        for ends, step in ((low, -1), (high, 1)):
+            while 0 <= ends[axis] + min(step, 0) and ends[axis] + max(step, 0) <= inside.shape[axis]:
+                ends[axis] += step
+                if not inside[_cells(low, high)].all():
+                    ends[axis] -= step
+                    break
+    return low, high
 
 
 def _cylinder(mesh, axis, point) -> Found | None:
