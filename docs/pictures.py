@@ -121,6 +121,7 @@ def pictures() -> dict[str, Picture]:
         "results/reality_coverage.png": results("reality_coverage"),
         **{f"paper/{figure}.png": experiment("paper", figure, "paper_figures") for figure in PAPER},
         "calibration.png": experiment("calibration", "calibration"),
+        "head_to_head.png": experiment("head_to_head", "head_to_head"),
         "evaluation/orders.png": experiment("orders", "orders", "order_plots"),
     }
 

@@ -55,7 +55,8 @@ METHODS = (
     "auto",
 )
 PLAIN = "auto without event"
-TIME, MEAN, SPREAD, PROBABILITY, TRUTH = "CPU time", "mean", "spread", "probability", "truth"
+TIME, ROLLOUTS, TRUTH = "CPU time", "rollouts", "truth"
+MEAN, SPREAD, PROBABILITY = "mean", "spread", "probability"
 ERRORS = {MEAN: "mean, over the spread", SPREAD: "spread, relative", PROBABILITY: "probability"}
 #: The errors at which times are compared, and how many of the loop's rollouts have that of the mean.
 MEAN_GOAL, PROBABILITY_GOAL, LOOP_ROLLOUTS = 0.1, 0.05, 100
@@ -221,7 +222,7 @@ def _rows(method, found, truth, seconds, rollouts, replicate):
 
 
 def curves(rows: Rows) -> dict[str, dict[str, np.ndarray]]:
-    """Return median times [s] and root mean squared errors by method, from the rows of one scene.
+    """Return median times [s], rollouts and root mean squared errors by method, from the rows of one scene.
 
     Each is an array over the sizes of a method. `auto` chooses its own size, so that it has one.
     """
@@ -233,8 +234,9 @@ def curves(rows: Rows) -> dict[str, dict[str, np.ndarray]]:
     for method, size in chosen:
         own = rows.where(method=method) if size is None else rows.where(method=method, samples=size)
         name = method if method == PLAIN else method.partition(" ")[0]
-        curve = found.setdefault(name, {quantity: [] for quantity in (TIME, *ERRORS)})
+        curve = found.setdefault(name, {quantity: [] for quantity in (TIME, ROLLOUTS, *ERRORS)})
         curve[TIME].append(own.where(quantity=TIME).median())
+        curve[ROLLOUTS].append(float(np.median([row["samples"] for row in own.where(quantity=TIME)])))
         for quantity in ERRORS:
             values = np.array([row["value"] for row in own.where(quantity=quantity)], float)
             curve[quantity].append(float(np.sqrt(np.mean(values**2))))
@@ -276,15 +278,22 @@ def report(results: Results) -> str:
     for scene in scenes:
         own = rows.where(scene=scene)
         for name, curve in curves(own).items():
-            for seconds, *errors in zip(*curve.values(), strict=True):
+            for seconds, rollouts, *errors in zip(*curve.values(), strict=True):
                 cells = ("" if math.isnan(error) else number(error) for error in errors)
-                lines.append([scene, _label(name), number(1e3 * seconds), *cells])
+                size = f"{rollouts:.0f}" if rollouts else ""
+                lines.append([scene, _label(name), size, number(1e3 * seconds), *cells])
         truths = (own.where(method=method, quantity=TRUTH) for method in (OURS, LOOP))
         shares = (f"{found[0]['value']:.3f}" if found else "" for found in truths)
         compared.append([scene, str(CASES[scene][1]), *shares, *ratios(own)])
     path = results.figure("head_to_head")
     _draw(path, {scene: curves(rows.where(scene=scene)) for scene in scenes})
-    columns = ["scene", "method", "CPU time [ms]", *(f"error of {name}" for name in ERRORS.values())]
+    columns = [
+        "scene",
+        "method",
+        "rollouts",
+        "CPU time [ms]",
+        *(f"error of {name}" for name in ERRORS.values()),
+    ]
     errors = results.table("head_to_head", columns, lines)
     head = [
         "scene",
