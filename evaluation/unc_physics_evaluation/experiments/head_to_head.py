@@ -333,7 +333,7 @@ def _draw(path, found):
                     )
             log_axis(ax, "x")
             log_axis(ax, "y")
-            if column is panels.T[0]:
+            if column[0] is panels[0, 0]:
                 ax.set_ylabel(f"error of {text}", fontsize=9)
         column[-1].set_xlabel("CPU time [ms]", fontsize=9)
     handles, labels = panels[0, 0].get_legend_handles_labels()
