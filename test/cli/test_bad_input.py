@@ -173,6 +173,7 @@ CASES = [
             ("position_std", {"position_std": 0.1}, "zero or absent: the body is fixed"),
             ("covariance", {"covariance": np.eye(12).tolist()}, "zero or absent: the body is fixed"),
             ("mass_std", {"mass_std": 0.1}, "zero or absent: the body is fixed"),
+            ("center_of_mass_std", {"center_of_mass_std": [0, 0, 0.01]}, "zero or absent: the body is fixed"),
             ("at_rest", {"at_rest": True}, "fixed"),
         )
     ),
