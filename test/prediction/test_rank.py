@@ -269,12 +269,6 @@ BAD = {
     ),
     "no score": ({"score": "upright"}, "score must be an Event, not a str"),
     "a stranger": ({"score": Upright("cup")}, "score.object names no body of the scene; there is box.*cup"),
-    "touches nothing": ({"score": Touches("box", "wall")}, "score.other is neither .*wall"),
-    "touches itself": ({"score": Touches("box", "box")}, "score.other must be another one"),
-    "off a stranger": (
-        {"score": ~FellOff("box", "shelve")},
-        "score.support is neither.*did you mean 'shelf'",
-    ),
     "an argument of version 0.2": (
         {"smallest_first": True},
         "smallest_first was removed in version 0.3: negate the score",
