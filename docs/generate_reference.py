@@ -47,7 +47,8 @@ TOPICS = {
     "prediction": (
         "Python: predictions",
         "The call that predicts, its answer, and the status of the answer.",
-        """predict Prediction PredictedBody Trajectory Snapshot Mode assess assess_all BodyStatus Status
+        """predict Prediction PredictedBody Trajectory Snapshot Mode assess assess_all
+        BodyStatus Status assess_stability Stability
         rollouts RolloutStates""",
     ),
     "events": (

@@ -37,6 +37,8 @@ from .prediction.rollouts import rollouts as rollouts
 from .prediction.snapshot import ContactTime as ContactTime
 from .prediction.snapshot import Probability as Probability
 from .prediction.snapshot import Snapshot as Snapshot
+from .prediction.stability import Stability as Stability
+from .prediction.stability import assess_stability as assess_stability
 from .prediction.status import assess as assess
 from .prediction.status import assess_all as assess_all
 from .propagators.base import Propagator as Propagator

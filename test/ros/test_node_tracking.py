@@ -387,9 +387,12 @@ def test_the_client_has_the_tracked_objects(camera, planner):
     poses, covariances = poses_of(found)["box"]
     assert poses == pytest.approx(np.array([[0, 0, 0, 0, 0, 0, 1]]), abs=0.005)
     np.testing.assert_array_equal(covariances, [np.reshape(last.objects[0].pose.covariance, (6, 6))])
+    stable = planner.assess_stability("box")
+    assert stable.probability == 1.0 and stable.supports == ["table"] and stable.has_margin
     planner.reset(["box"])
-    with pytest.raises(InvalidRequestError, match="holds no objects"):
-        planner.fork(horizon=0.1)
+    for ask in (lambda: planner.fork(horizon=0.1), lambda: planner.assess_stability("box")):
+        with pytest.raises(InvalidRequestError, match="holds no objects"):
+            ask()
     with pytest.raises(InvalidRequestError, match="is no tracked object") as caught:
         planner.reset(["box"])
     assert caught.value.field == "ids[0]"

@@ -77,11 +77,11 @@ def is_deterministic(scene: Scene, initial: Belief) -> bool:
     return not (initial.covariance.any() or scene.uncertain or scene.draws_impacts)
 
 
-def interval(share: float, count: float) -> tuple[float, float]:
+def interval(share: float, count: float, quantile: float = NORMAL_QUANTILE) -> tuple[float, float]:
     """Return the bounds of a probability from a share of ``count`` independent draws (Wilson 1927)."""
-    square = NORMAL_QUANTILE**2 / count
+    square = quantile**2 / count
     middle = (share + 0.5 * square) / (1.0 + square)
-    half = NORMAL_QUANTILE * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
+    half = quantile * math.sqrt(share * (1.0 - share) / count + 0.25 * square / count) / (1.0 + square)
     # exact at the ends, where round-off would leave a remainder
     return 0.0 if share == 0.0 else middle - half, 1.0 if share == 1.0 else middle + half
 

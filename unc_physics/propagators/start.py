@@ -31,6 +31,8 @@ from ..spatial.rotation import conjugate, log, multiply, rotate_vectors, rotatio
 
 #: Overlap that is tolerated, about that of a loaded contact [m].
 OVERLAP_TOLERANCE = 5e-5
+#: Uncertain parameters that move the centre of mass over its support, so that what has settled may fall.
+_OF_BALANCE = {"center_of_mass", "gravity_direction", "surface_tilt"}
 _DRAWN_AT_ONCE, _ACCEPTANCE = 400, 0.05  # samples, and the smallest share of them without overlap
 #: Least standard deviations of the height [m] and tilt [rad] of bodies at rest, which contact determines.
 _LEAST_STD, _LEAST_TILT = 5e-3, 0.03
@@ -246,7 +248,8 @@ class _Resolution:
         fine = held[asleep[:, resting].all(axis=1)]
         states[fine] = still[fine]
         self._note_settling(drawn, resting)
-        if resting[scene.moving].all() and len(fine) == len(states):
+        is_balanced = not any(parameter.name in _OF_BALANCE for parameter in scene.uncertain)
+        if resting[scene.moving].all() and len(fine) == len(states) and is_balanced:
             first = np.minimum(self.history.first_time, history.first_time)
             self.history = self.history._replace(first_time=first, solver=history.solver)
 

@@ -188,6 +188,21 @@ class Client(contextlib.AbstractContextManager["Client"]):
         given = {"request": request, "candidates": candidates} | fields
         return self._call(srv.PredictCandidates, "predict_candidates", timeout, **given)
 
+    def assess_stability(
+        self,
+        object: str,
+        objects: Iterable[msg.ObjectState] = (),
+        timeout: float | None = None,
+        **fields: Any,
+    ) -> srv.AssessStability.Response:
+        """Return how probable it is that an object stays where it is.
+
+        It is one of ``objects`` in the node's environment, or of the tracker without them. Other fields are
+        ``duration`` [s], ``distance`` [m], ``angle`` [rad], ``confidence``, ``physics`` and ``scene``.
+        """
+        given = {"object": object, "scene": make_message(msg.Scene, objects=objects)} | fields
+        return self._call(srv.AssessStability, "assess_stability", timeout, **given)
+
     def capabilities(self, timeout: float | None = None) -> srv.GetCapabilities.Response:
         """Return the node's propagators, features, limits, physics and versions."""
         return self._call(srv.GetCapabilities, "get_capabilities", timeout)

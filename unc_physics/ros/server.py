@@ -41,11 +41,19 @@ from .models import ModelLibrary, ModelTopics
 from .node_environment import EnvironmentTopics, NodeEnvironment
 from .parameters import ParameterServer
 from .services import BackgroundService, CapabilitiesService, DeferredAnswerCheck
+from .stability import StabilityService
 from .streams import Stream
 from .tracking import Tracking
 from .tracks import warm_up_tracker
 
-_INTERFACES = (ModelTopics, EnvironmentTopics, CapabilitiesService, CandidatesService, LongPrediction)
+_INTERFACES = (
+    ModelTopics,
+    EnvironmentTopics,
+    CapabilitiesService,
+    CandidatesService,
+    LongPrediction,
+    StabilityService,
+)
 # upper limit; predictions run in numba's threads, these mostly wait, for example for a transform
 _THREADS = 64
 _COMPILED_ANSWER = 1.0  # s, of computation for an answer that only compiles
@@ -73,6 +81,7 @@ class PredictionServer:
         self.frames: Any = None
         self.diagnostics: Any = None
         self.markers: Any = None
+        self.tracking: Any = None  # a Tracking after `open`, with the parameter track
         self.environment = NodeEnvironment()
         self.pool: ThreadPoolExecutor | None = None
         self.deferred_answers: Any = None
@@ -152,7 +161,8 @@ class PredictionServer:
             stream = Stream(self)
             self._open.append(stream)
             if self.settings.track:
-                self._open.append(Tracking(self, stream))
+                self.tracking = Tracking(self, stream)
+                self._open.append(self.tracking)
         self._warn_misspelt()
         self.log.info("ready")
 

@@ -21,6 +21,8 @@ from ..checks.names import hint
 from ..compiler.compile_time import clock
 from ..prediction.prediction import Prediction as CorePrediction
 from ..prediction.request_checks import marks_of
+from ..scene.belief import Belief
+from ..scene.scene import Scene
 from .detected import Detection3DArray, Detections
 from .diagnostics import ThrottledWarnings
 from .messages.clocks import on_clock_jump, stamp_age, stamp_problem
@@ -365,6 +367,20 @@ class Tracking:
             self._write(response.prediction, job, prediction, present.stamp)
             response.scene, response.actions = present.scene_message()
             response.scene.header = response.prediction.header
+
+    def present(self) -> tuple[Scene, Belief]:
+        """Return the scene and the belief of the tracker's present time.
+
+        Raises
+        ------
+        InvalidRequestError
+            If nothing is tracked.
+        """
+        with self._lock:
+            present = self._tracks.fork()
+        with self._limited(self._server.settings.max_computation_time):
+            present.arrive()
+        return present.scene, present.belief
 
     def _reset(self, request, response):
         with self._server.errors_into(response.result):

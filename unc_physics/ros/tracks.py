@@ -375,6 +375,11 @@ class Tracks:
             )
         return self._tracker.scene
 
+    @property
+    def belief(self) -> Belief:
+        """Belief about the scene of a fork."""
+        return self._tracker.belief()
+
     def scene_message(self) -> tuple[SceneMessage, list[Action]]:
         """Return the scene of a fork with its belief, and the paths from its time on."""
         scene, belief = self.scene, self._tracker.belief()
