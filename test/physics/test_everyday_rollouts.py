@@ -107,7 +107,7 @@ def test_what_rests_slides_with_less_friction_and_falls_when_it_is_lifted():
         gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle)),
     )
     propagator = make_propagator("monte_carlo", samples=1)
-    rested = carry_after(slope, belief_of(slope, box={"position": (0.0, 0.0, half)}), propagator, [240])
+    rested = carry_after(slope, belief_of(slope, box={"position": (0.0, 0.0, half)}), propagator, 240)
     assert (rested.states[0, 0, 3:6] == 0.0).all()
     slid = propagator.advance(rested, replace(slope, friction=0.05), 240)
     way = 0.5 * G * (math.sin(angle) - 0.05 * math.cos(angle))

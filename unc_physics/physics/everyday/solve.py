@@ -11,6 +11,7 @@ from .columns import (
     ARM_B,
     BEFORE,
     BELT_W,
+    BETWEEN,
     BODY_A,
     BODY_B,
     BY_NORMAL,
@@ -18,7 +19,6 @@ from .columns import (
     EASE_T,
     EXTRAPOLATE,
     FARTHEST,
-    FEW_SWEEPS,
     GAP,
     IMASS,
     IWORLD,
@@ -201,21 +201,21 @@ def solve(first, last, C, Y, h):
     """Sweep until speeds change little, and extrapolate what converges slowly; return how many."""
     before = 0.0
     for r in range(SWEEPS):
-        if r >= FEW_SWEEPS:
+        turn = r % BETWEEN if r > BETWEEN else 0  # at 1 and 2 changes are measured, and their ratio after 2
+        if turn == 1 or turn == 2:
             for k in range(first, last):
                 write(C, k, BEFORE, three(C, k, LN))
         if sweep(first, last, C, Y, h) < TOLERANCE:
             return r + 1
-        if r >= FEW_SWEEPS:
+        if turn == 1 or turn == 2:
             now = 0.0
             for k in range(first, last):
                 d = minus(three(C, k, LN), three(C, k, BEFORE))
                 now += dot(d, d)
             ratio = math.sqrt(now / before) if before > 0.0 else 0.0
             before = now
-            if r % 4 == 2 and EXTRAPOLATE < ratio < 1.0:
+            if turn == 2 and EXTRAPOLATE < ratio < 1.0:
                 _extrapolate(first, last, C, Y, min(ratio / (1.0 - ratio), FARTHEST))
-                before = 0.0
     return SWEEPS
 
 
