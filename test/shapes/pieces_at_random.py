@@ -3,7 +3,18 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from unc_physics.shapes.pieces import HalfSpace, Hull, Lathe, ball, box, capsule, cylinder, frustum
+from unc_physics.shapes.distance import SignedDistance, distance_of_bodies
+from unc_physics.shapes.pieces import (
+    HalfSpace,
+    Hull,
+    Lathe,
+    ball,
+    box,
+    capsule,
+    cylinder,
+    frustum,
+    piece_arrays,
+)
 
 KINDS = (
     "ball",
@@ -18,6 +29,13 @@ KINDS = (
     "sector",
     "rounded lathe",
 )
+
+
+def distance_of_pieces(pieces_a, frame_a, pieces_b, frame_b):
+    """The signed distance of two bodies from their pieces and the rows of their frames (12,)."""
+    arrays, frames = piece_arrays([pieces_a, pieces_b]), np.array([frame_a, frame_b])
+    gap, found = distance_of_bodies(frames, arrays.pieces, arrays.rows, arrays.first)
+    return SignedDistance(float(gap), found[0], found[1] + frame_a[:3], found[2] + frame_a[:3])
 
 
 def piece(kind, rng):

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from pieces_at_random import KINDS, gap_along, piece, reach, turn
+from pieces_at_random import KINDS, distance_of_pieces, gap_along, piece, reach, turn
 from scipy.spatial.transform import Rotation
 
-from unc_physics.shapes.distance import distance_of_pieces
 from unc_physics.shapes.pieces import HalfSpace, ball, box, cylinder
 
 APART, DEEP = 1e-6, 1e-4  # agreed errors of distances apart, and of depths down to 5 mm [m]

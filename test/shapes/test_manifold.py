@@ -7,12 +7,12 @@ import pytest
 from body_manifold import MOST_OF_BODIES, manifold_of_bodies
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pieces_at_random import distance_of_pieces
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from unc_physics import load_model
 from unc_physics.shapes.columns import GAP, NORMAL, POINT
-from unc_physics.shapes.distance import distance_of_pieces
 from unc_physics.shapes.manifold import MOST_OF_PIECES
 from unc_physics.shapes.pieces import HalfSpace, Lathe, ball, box, capsule, cylinder, piece_arrays
 

@@ -243,15 +243,6 @@ def signed_distance(model_a, pose_a, model_b, pose_b) -> SignedDistance:
     """
     frames = np.array([_frame(pose_a, "pose_a"), _frame(pose_b, "pose_b")])
     arrays = joined([_checked_arrays(model_a, "model_a"), _checked_arrays(model_b, "model_b")])
-    return _distance(arrays, frames)
-
-
-def distance_of_pieces(pieces_a, frame_a, pieces_b, frame_b) -> SignedDistance:
-    """Return the signed distance of two bodies from their pieces and the rows of their frames (12,)."""
-    return _distance(piece_arrays([pieces_a, pieces_b]), np.array([frame_a, frame_b]))
-
-
-def _distance(arrays, frames):
     kinds = arrays.pieces[:, KIND]
     if all(np.any(kinds[i:j] == HALF_SPACE) for i, j in pairwise(arrays.first)):
         raise InvalidRequestError("are both half-spaces, which have no distance", field="bodies")
