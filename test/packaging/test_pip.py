@@ -20,6 +20,7 @@ from unc_physics import ErrorCode, __version__
 
 DEPENDENCIES = ("llvmlite", "numba", "numpy", "pyyaml", "tqdm")
 SCENE = """
+physics: paper
 dt: 0.01
 horizon: 0.5
 stiffness: 1.0e+4
