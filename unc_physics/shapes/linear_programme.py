@@ -18,8 +18,8 @@ def minimum(cost, rows, limits, low, high) -> tuple[np.ndarray, float] | None:
     rows, limits : (m, n), (m,) arrays
         ``rows @ x <= limits``.
     """
-    highs, core = _solver()
-    if highs is None:
+    options, core = _solver()
+    if options is None:
         found = core.linprog(cost, rows, limits, bounds=np.column_stack([low, high]), method="highs")
         return (found.x, found.fun) if found.status == 0 else None
     column, row = np.nonzero(rows.T)
@@ -30,6 +30,8 @@ def minimum(cost, rows, limits, low, high) -> tuple[np.ndarray, float] | None:
     lp.a_matrix_.format_ = core.MatrixFormat.kColwise
     lp.a_matrix_.start_ = np.searchsorted(column, np.arange(len(cost) + 1)).astype(np.int32)
     lp.a_matrix_.index_, lp.a_matrix_.value_ = row.astype(np.int32), rows[row, column]
+    highs = core._Highs()  # a new one each time, as threads must not share it
+    highs.passOptions(options)
     highs.passModel(lp)
     highs.run()
     if highs.getModelStatus() != core.HighsModelStatus.kOptimal:
@@ -39,7 +41,7 @@ def minimum(cost, rows, limits, low, high) -> tuple[np.ndarray, float] | None:
 
 @functools.lru_cache(maxsize=1)
 def _solver():
-    """Return HiGHS with the options of `linprog`, and its module; None and SciPy's for other versions."""
+    """Return the options of `linprog` and the module of HiGHS; None and SciPy's for other versions."""
     try:
         core = import_module("scipy.optimize._highspy._core")
     except ImportError:  # before SciPy 1.15, or where it has moved
@@ -47,6 +49,4 @@ def _solver():
     options = core.HighsOptions()
     options.presolve, options.output_flag, options.highs_debug_level = "on", False, 0
     options.simplex_strategy = int(core.simplex_constants.SimplexStrategy.kSimplexStrategyDual)
-    highs = core._Highs()
-    highs.passOptions(options)
-    return highs, core
+    return options, core
