@@ -238,11 +238,11 @@ class Client(contextlib.AbstractContextManager["Client"]):
             1,
             timeout,
             lambda message: 1e-9 * convert.nanoseconds(message.header.stamp) >= after,
-            "; start it with track:=true, and observe objects",
+            "; start the node with track:=true, and observe objects",
         )
         return self._newest["tracked"]
 
-    def _newest_of(self, kind, name, quality, timeout, is_wanted, problem=""):
+    def _newest_of(self, kind, name, quality, timeout, is_wanted, problem="; start a node"):
         """Subscribe to a topic, and wait until its newest message is a wanted one."""
         end, topic = self._end(timeout), f"{self._server}/{name}"
         keep = partial(self._newest.__setitem__, name)
@@ -251,7 +251,7 @@ class Client(contextlib.AbstractContextManager["Client"]):
         def is_there():
             return name in self._newest and is_wanted(self._newest[name])
 
-        self._wait(is_there, topic, end, f"has no message of a node{problem}")
+        self._wait(is_there, topic, end, f"has no message{problem}")
 
     def fork(self, timeout: float | None = None, **fields: Any) -> srv.Fork.Response:
         """Return a prediction from the tracker's belief; ``fields`` are those of ``Fork``, as ``horizon``."""
