@@ -73,7 +73,8 @@ def draw_triangles(axes, parts, half) -> None:
     part = np.repeat(np.arange(len(parts)), [len(some) for some in parts])
     colors = colormaps["tab20"](part % 20)[:, :3] if len(parts) > 1 else np.full((len(part), 3), 0.7)
     extent = -1e3 * half, 1e3 * half, -1e3 * half, 1e3 * half
-    image = shaded_triangles(np.concatenate(parts), colors, half)
+    grid = (np.arange(PIXELS) + 0.5) * 2.0 * half / PIXELS - half
+    image = shaded_triangles(np.concatenate(parts), colors, grid, grid)
     axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear")
 
 
@@ -124,30 +125,31 @@ def shaded_balls(centers, radii, half, size_range):
     return image
 
 
-def shaded_triangles(triangles, colors, half):
-    """Return an image (PIXELS, PIXELS, 3) of triangles (m, 3, 3) in view coordinates with colours (m, 3).
+def shaded_triangles(triangles, colors, xs, ys):
+    """Return an RGBA image (len(ys), len(xs), 4) of triangles (m, 3, 3) in view coordinates.
 
-    Where surfaces coincide, as where pieces overlap, the first one is seen.
+    ``colors`` are (m, 3), and pixels have their middles at ``xs`` and ``ys``. Where surfaces coincide, as
+    where pieces overlap, the first one is seen.
     """
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     areas = normals[:, 2]  # twice, as seen
     normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     fill = (0.45 + 0.55 * np.maximum(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0))[:, None] * colors
-    pixel = 2.0 * half / PIXELS
-    grid = (np.arange(PIXELS) + 0.5) * pixel - half
-    depth = np.full((PIXELS, PIXELS), -np.inf)
-    image = np.ones((PIXELS, PIXELS, 3))
-    first = np.searchsorted(grid, triangles[:, :, :2].min(axis=1))
-    last = np.searchsorted(grid, triangles[:, :, :2].max(axis=1))
+    depth = np.full((len(ys), len(xs)), -np.inf)
+    image, coincident = np.zeros((*depth.shape, 4)), _COINCIDENT * 0.5 * np.ptp(xs)
+    first, last = (
+        np.stack([np.searchsorted(grid, end[:, k]) for k, grid in enumerate((xs, ys))], axis=1)
+        for end in (triangles.min(axis=1), triangles.max(axis=1))
+    )
     for k in np.flatnonzero((areas > 0.0) & (last > first).all(axis=1)):
         (j0, i0), (j1, i1) = first[k], last[k]
-        x, y = grid[None, j0:j1], grid[i0:i1, None]
+        x, y = xs[None, j0:j1], ys[i0:i1, None]
         a, b, c = triangles[k]
         v = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / areas[k]
         w = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / areas[k]
         front = a[2] + v * (b[2] - a[2]) + w * (c[2] - a[2])
         seen = np.minimum(np.minimum(v, w), 1.0 - v - w) >= -_ROUND_OFF
-        seen &= front > depth[i0:i1, j0:j1] + _COINCIDENT * half
+        seen &= front > depth[i0:i1, j0:j1] + coincident
         depth[i0:i1, j0:j1][seen] = front[seen]
-        image[i0:i1, j0:j1][seen] = fill[k]
+        image[i0:i1, j0:j1][seen] = *fill[k], 1.0
     return image

@@ -117,9 +117,12 @@ def _picture(scene, belief, states, corners, title, bars):
     is_typical = not np.array_equal(solid, belief.mean)
     for k, body in enumerate(scene.bodies):
         color = np.array(body_color(k, body.fixed))
+        few, all_spheres = None, None
+        if scene.integrator == "explicit":
+            few, all_spheres = max(_FEWEST, len(body.model) // 4), len(body.model)
         for state in () if body.fixed else pale[:, k]:
-            draw_body(axes, body.model, state, SIDE, color, pixel, _PALE, max(_FEWEST, len(body.model) // 4))
-        draw_body(axes, body.model, solid[k], SIDE, color, pixel, 0.95, len(body.model))
+            draw_body(axes, body.model, state, SIDE, color, pixel, _PALE, few)
+        draw_body(axes, body.model, solid[k], SIDE, color, pixel, 0.95, all_spheres)
         if not body.fixed and not is_typical:
             P = SIDE[:2] @ belief.marginal(k)[ERR_POSITION, ERR_POSITION] @ SIDE[:2].T
             place = SIDE[:2] @ belief.mean[k, POSITION]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,10 @@ from ..propagators.modes import Mode
 from ..scene.belief import Belief
 from ..scene.environment import Plane
 from ..scene.scene import Scene
+from ..shapes.piece_mesh import piece_mesh
 from ..spatial.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
+from .model_picture import shaded_triangles
 from .palette import body_color
 
 if TYPE_CHECKING:
@@ -24,6 +27,7 @@ _LIGHT = np.array([-0.40, 0.65, 0.65])  # light direction: right, up, towards th
 _FIXED_ALPHA = 0.35  # of fixed bodies, which may hide others
 _SPHERES = 10_000  # of each body, the first
 _PIXELS = 900  # along the longer side
+_AROUND = 48  # corners around a round piece
 _MARGIN = 0.06  # relative to the longer side
 SIDE, _ABOVE = (
     np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
@@ -186,7 +190,8 @@ def _draw_view(axes, scene, beliefs, shown, view, low, high):
         else:
             drawn.append((states[0], _FIXED_ALPHA if body.fixed else 0.95, _SPHERES))
         for state, alpha, count in drawn:
-            draw_body(axes, body.model, state, view, color, pixel, alpha, count)
+            spheres = count if scene.integrator == "explicit" else None
+            draw_body(axes, body.model, state, view, color, pixel, alpha, spheres)
         if not body.fixed:
             if len(outcomes) < 2:  # a mean between outcomes is no possible place
                 path = np.array([belief.mean[k, POSITION] for belief in beliefs]) @ view[:2].T
@@ -211,17 +216,42 @@ def _draw_view(axes, scene, beliefs, shown, view, low, high):
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def draw_body(axes, model, state, view, color, pixel, alpha, count) -> None:
-    """Draw the ``count`` largest spheres of a model in the pose of a state (13,).
+def draw_body(axes, model, state, view, color, pixel, alpha, count=None) -> None:
+    """Draw a model in the pose of a state (13,): its pieces, or the ``count`` largest of its spheres.
 
     The rows of ``view`` (3, 3) point right, up and towards the eye. A pixel is so large [m]; ``alpha`` is the
     opacity.
     """
     R = rotation_matrix(state[QUATERNION])
-    centers = (model.centers[:count] @ R.T + state[POSITION]) @ view.T
-    image, extent = shaded_balls(centers, model.radii[:count], color, pixel)
+    if count is None:
+        triangles = (_surface(model) @ R.T + state[POSITION]) @ view.T
+        xs, ys, extent = _window(triangles.reshape(-1, 3)[:, :2], 0.0, pixel)
+        image = shaded_triangles(triangles, np.tile(color, (len(triangles), 1)), xs, ys)
+    else:
+        centers = (model.centers[:count] @ R.T + state[POSITION]) @ view.T
+        image, extent = shaded_balls(centers, model.radii[:count], color, pixel)
     image[..., 3] *= alpha
     axes.imshow(image, extent=extent, origin="lower", interpolation="bilinear", zorder=3)
+
+
+@functools.lru_cache(maxsize=64)
+def _surface(model):
+    """Return the triangles (m, 3, 3) of a model's pieces."""
+    return np.concatenate([piece_mesh(piece, _AROUND) for piece in model.pieces])
+
+
+def _window(points, margins, pixel):
+    """Return the pixels' middles along both axes, and the extent: left, right, bottom and top [m].
+
+    The window holds points (n, 2) with ``margins`` [m] around each.
+    """
+    margins = np.broadcast_to(margins, len(points))[:, None]
+    low = np.floor((points - margins).min(axis=0) / pixel) - 1
+    high = np.ceil((points + margins).max(axis=0) / pixel) + 1
+    window = np.array([low, high], int)  # first and last pixel, columns and rows
+    xs, ys = ((np.arange(*window[:, k]) + 0.5) * pixel for k in range(2))
+    (left, bottom), (right, top) = window * pixel
+    return xs, ys, (left, right, bottom, top)
 
 
 def draw_environment(axes, environment, view, window):
@@ -282,10 +312,7 @@ def shaded_balls(centers, radii, color, pixel):
     ``centers`` (n, 3) are right, up and towards the eye, and a pixel is so large [m]. Returns an RGBA image,
     transparent outside the balls, and its extent: left, right, bottom and top [m].
     """
-    low = np.floor((centers[:, :2] - radii[:, None]).min(axis=0) / pixel) - 1
-    high = np.ceil((centers[:, :2] + radii[:, None]).max(axis=0) / pixel) + 1
-    window = np.array([low, high], int)  # first and last pixel, columns and rows
-    xs, ys = ((np.arange(*window[:, k]) + 0.5) * pixel for k in range(2))
+    xs, ys, extent = _window(centers[:, :2], radii, pixel)
     light = _LIGHT / np.linalg.norm(_LIGHT)
     depth = np.full((len(ys), len(xs)), -np.inf)
     shade = np.zeros(depth.shape)
@@ -301,5 +328,4 @@ def shaded_balls(centers, radii, color, pixel):
     image = np.zeros((*depth.shape, 4))
     image[..., :3] = (0.35 + 0.65 * shade)[..., None] * color + 0.25 * shade[..., None] ** 2
     image[..., 3] = depth > -np.inf
-    (left, bottom), (right, top) = window * pixel
-    return image.clip(0.0, 1.0), (left, right, bottom, top)
+    return image.clip(0.0, 1.0), extent

@@ -12,16 +12,17 @@ AROUND = 192
 _ROUND = 96  # directions on the ball that sweeps a piece
 
 
-def piece_mesh(piece: Piece) -> np.ndarray:
+def piece_mesh(piece: Piece, around: int = AROUND) -> np.ndarray:
     """Return triangles (m, 3, 3) of a piece's surface, counter-clockwise from outside [m].
 
-    What is round has corners on the surface. A half-space has none.
+    What is round has corners on the surface, ``around`` of them around a whole turn of a lathe. A half-space
+    has none.
     """
     from scipy.spatial import ConvexHull
 
     if isinstance(piece, HalfSpace):
         return np.zeros((0, 3, 3))
-    points = piece.points if isinstance(piece, Hull) else _arcs(piece)
+    points = piece.points if isinstance(piece, Hull) else _arcs(piece, around)
     if piece.rounding > 0.0:
         swept = points[:, None] + piece.rounding * even_directions(_ROUND)
         points = swept.reshape(-1, 3)
@@ -33,9 +34,9 @@ def piece_mesh(piece: Piece) -> np.ndarray:
     return triangles
 
 
-def _arcs(lathe):
+def _arcs(lathe, around):
     """Return points (n, 3) on the arcs of a lathe's profile."""
-    count = max(2, round(AROUND * lathe.half_angle / np.pi)) + 1
+    count = max(2, round(around * lathe.half_angle / np.pi)) + 1
     angles = lathe.azimuth + np.linspace(-lathe.half_angle, lathe.half_angle, count)
     radius, height = lathe.profile.T
     local = [np.column_stack([radius * np.cos(a), radius * np.sin(a), height]) for a in angles]
