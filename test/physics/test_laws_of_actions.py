@@ -21,7 +21,7 @@ from law_table import Laws
 from plain_scenes import BALL, G, at_steps, momenta, state
 from scipy.spatial.transform import Rotation
 
-from unc_physics import PosePath, RigidBody, Scene, Wrench, load_model
+from unc_physics import Belief, PosePath, RigidBody, Scene, Wrench, load_model, make_propagator, predict
 from unc_physics.scene.kinematic_states import path_states
 
 law = Laws()
@@ -117,6 +117,21 @@ def a_lift_raises_a_box(dt):
     scene = world(solid_box("b", (0.05,) * 3, 0.1), lift, dt=dt, environment=())
     x = run(scene, [state((0, 0, 0.035), up), state(velocity=up)], 1.0)[0]
     yield "height [mm]", 535, MM * x[2], 0.1
+
+
+@law
+def what_came_to_rest_is_taken_along_by_a_surface(dt):
+    """A body that settled at the start, with the surface at rest, on a belt and about a turntable's axis."""
+    one = make_propagator("monte_carlo", samples=1, seed=0)
+    box = replace(solid_box("b", (0.05,) * 3, 0.1), at_rest=True)
+    for what, surface, right in (
+        ("belt", {"surface_velocity": (0.3, 0, 0)}, (0.3 - 0.3**2 / (2 * 0.3 * G), 0.0)),
+        ("turntable", {"surface_angular_velocity": (0, 0, 2), "surface_center": (0, 0, 0)}, (0.0, 2.0)),
+    ):
+        scene = world(box, dt=dt, friction=0.3, environment=[slab((4, 4, 0.02), (0, 0, -0.01), **surface)])
+        x = predict(scene, Belief.exact(state((0, 0, 0.025))[None]), one, 1.0).samples()[0, 0]
+        yield f"{what}: way [mm]", MM * right[0], MM * x[0], 0.2
+        yield f"{what}: spin [mrad/s]", MM * right[1], MM * x[12], 2
 
 
 @law

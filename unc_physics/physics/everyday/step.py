@@ -12,6 +12,7 @@ from .columns import (
     ARM_BEFORE,
     ASLEEP,
     BELT_U,
+    BELT_W,
     BEND,
     BODY_A,
     BODY_B,
@@ -311,7 +312,7 @@ def _rests(first, last, members, C, Y, dt):
         write(Y, i, PUSH_W, (0.0, 0.0, 0.0))
     for k in range(first, last):
         a = int(C[k, BODY_A])
-        if C[k, WENT] > STANDS * dt or (Y[a, DRIVEN] > 0.0 and Y[a, REACH] > 0.0):
+        if C[k, WENT] > STANDS * dt or (Y[a, DRIVEN] > 0.0 and Y[a, REACH] > 0.0) or _on_belt(C, k):
             return False
         if C[k, WARM + 1] ** 2 + C[k, WARM + 2] ** 2 > (_WITHIN * C[k, MU] * C[k, WARM]) ** 2:
             return False
@@ -321,6 +322,13 @@ def _rests(first, last, members, C, Y, dt):
         if _pace(Y, i, PUSH_V, PUSH_W) > HELD:
             return False
     return True
+
+
+@inner
+def _on_belt(C, k):
+    """Return whether the surface of a contact's first body moves along itself, or turns, under the second."""
+    w = three(C, k, BELT_W)
+    return C[k, BELT_U + 1] != 0.0 or C[k, BELT_U + 2] != 0.0 or dot(w, w) > 0.0
 
 
 @inner
@@ -344,7 +352,7 @@ def _asleep(first, last, members, C, Y, par):
         bears = bears or C[k, WARM] > 0.0
         if Y[a, REACH] > 0.0 and Y[a, DRIVEN] > 0.0:
             return False
-        if C[k, BELT_U + 1] != 0.0 or C[k, BELT_U + 2] != 0.0:
+        if _on_belt(C, k):
             return False
     return bears  # not so after the search of what was moved from outside
 
@@ -368,7 +376,7 @@ def _stop(members, Y):
 @inner
 def _all_stay(bodies, dt, Y, actions):
     """Return whether no body moves or did in the last step, so that all stay; count their time at rest."""
-    if len(actions.kinematic) + len(actions.wrench_body) > 0:
+    if len(actions.kinematic) + len(actions.wrench_body) + len(actions.surface) > 0:
         return False
     for i in range(bodies):
         v, w = three(Y, i, VEL), three(Y, i, SPIN)
