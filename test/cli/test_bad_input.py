@@ -273,6 +273,37 @@ def assert_refused(code, out, err, codes, words=""):
     assert re.search(words, err), err
 
 
+def by_index(text, content):
+    """An error of a file without the file's name, with indices for names."""
+    text = text.removeprefix("scene.yaml: ")
+    for key in ("bodies", "environment"):
+        entries = content.get(key) if isinstance(content, dict) else None
+        for k, entry in enumerate(entries if isinstance(entries, list) else ()):
+            if isinstance(entry, dict) and isinstance(entry.get("name"), str):
+                text = text.replace(f"{key}[{entry['name']}]", f"{key}[{k}]")
+    return text
+
+
+def test_an_error_names_the_file_the_body_and_the_field(tmp_path):
+    path = tmp_path / "table.yaml"
+    content = CONTENTS["two_bodies"]() | {"environment": [{"name": "shelf", "box": {"size": [1, 1, -1]}}]}
+    for change, place in (
+        ({}, r"environment\[shelf\]\.box\.size\[2\]"),
+        (
+            {"environment": []} | {"bodies": [CONTENTS["two_bodies"]()["bodies"][0] | {"mass": -1}]},
+            r"bodies\[left\]\.mass",
+        ),
+        (
+            {"environment": [], "bodies": [CONTENTS["two_bodies"]()["bodies"][0] | {"name": 3}]},
+            r"bodies\[0\]\.name",
+        ),
+        ({"horizon": -1, "environment": []}, "horizon"),
+    ):
+        path.write_text(yaml.safe_dump(content | change))
+        with pytest.raises(UncPhysicsError, match=rf"^table\.yaml: {place} "):
+            load_scene(path)
+
+
 @pytest.mark.parametrize(
     "content, codes, words", CASES, ids=[f"{k}-{case[1]}" for k, case in enumerate(CASES)]
 )
@@ -282,7 +313,8 @@ def test_a_bad_scene_is_refused(tmp_path, recwarn, content, codes, words):
     with pytest.raises(UncPhysicsError) as caught:
         scene, belief, horizon = load_scene(path)
         predict(scene, belief, horizon=horizon)
-    assert_refused(caught.value.code, "", f"unc_physics: {caught.value}\n", codes, words)
+    text = by_index(str(caught.value), content)
+    assert_refused(caught.value.code, "", f"unc_physics: {text}\n", codes, words)
     assert not recwarn.list, "a warning would be printed beside the sentence"
 
 
@@ -430,7 +462,7 @@ def test_bad_model_file(tmp_path, capsys, name):
     content = with_body(model="broken.npz", spheres=None)
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
     code = main(["predict", str(tmp_path / "scene.yaml")])
-    assert_refused(code, *capsys.readouterr(), "INVALID_MODEL", r"bodies\[1\].*broken.npz")
+    assert_refused(code, *capsys.readouterr(), "INVALID_MODEL", r"scene.yaml: bodies\[right\].*broken.npz")
 
 
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path, capsys):

@@ -48,7 +48,7 @@ def test_a_prediction_prints_as_a_table(prediction):
 def test_texts_of_objects_are_one_line(prediction):
     scene = prediction.scene
     assert repr(scene) == "<Scene of 2 bodies (left, right) and 0 elements; explicit, dt 0.01 s>"
-    assert repr(prediction.initial) == "<Belief about 2 bodies, of which 2 move>"
+    assert repr(prediction.initial) == "<Belief with means of 2 and covariances of 2 bodies>"
     assert repr(prediction) == "<Prediction of 2 bodies (left, right) by monte_carlo until 0.3 s>"
     tracker = Tracker(scene, prediction.initial, members=16)
     assert repr(tracker) == "<Tracker of 2 bodies (left, right) at 0 s>"

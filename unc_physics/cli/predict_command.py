@@ -51,7 +51,10 @@ def add_predict_command(commands) -> None:
         action="append",
         default=[],
         metavar="EVENT",
-        help="also report the probability of an event, such as 'upright: cup'; may be repeated",
+        help=(
+            "also report the probability of an event, such as 'upright: cup' or 'fell_off: {object: cup}';"
+            " may be repeated"
+        ),
     )
     parser.add_argument(
         "--status-rollouts",

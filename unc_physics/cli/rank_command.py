@@ -26,7 +26,10 @@ def add_rank_command(commands) -> None:
         action="append",
         required=True,
         metavar="EVENT",
-        help="what counts as success, such as 'upright: cup'; if repeated, all events together",
+        help=(
+            "what counts as success, such as 'upright: cup' or 'fell_off: {object: cup}'; if"
+            " repeated, all events together"
+        ),
     )
     add_options(parser, "--horizon", "--time-limit", "--models", "--json")
     parser.add_argument(

@@ -66,7 +66,7 @@ class Belief:
     moving: OptionalArray = array_field(None)
 
     def __repr__(self) -> str:
-        return f"<Belief about {len(self.mean)} bodies, of which {len(self.moving)} move>"
+        return f"<Belief with means of {len(self.mean)} and covariances of {len(self.moving)} bodies>"
 
     def __post_init__(self):
         mean = numbers(self.mean, "mean")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -151,7 +152,22 @@ def load_scene(path: str | os.PathLike[str], models_dir: str | os.PathLike[str] 
         A subclass that names field and value, if the file does not describe a valid scene.
     """
     content = read_yaml(path, "scene file")
-    return scene_from_dict(content, models_dir, folder=Path(path).parent)
+    try:
+        return scene_from_dict(content, models_dir, folder=Path(path).parent)
+    except UncPhysicsError as error:
+        raise error.at(
+            f"{Path(path).name}: {_by_name(error.field or '', content)}".removesuffix(": ")
+        ) from error
+
+
+def _by_name(field, content):
+    """Return the place of an error with the name of the body or element in place of its index."""
+    parts = re.fullmatch(r"(bodies|environment)\[(\d+)\](.*)", field, re.DOTALL)
+    if parts is None:
+        return field
+    name = entry.get("name") if isinstance(entry := content[parts[1]][int(parts[2])], dict) else None
+    names = [other.get("name") for other in content[parts[1]] if isinstance(other, dict)]
+    return f"{parts[1]}[{name}]{parts[3]}" if isinstance(name, str) and names.count(name) == 1 else field
 
 
 def scene_from_dict(content, models_dir=None, folder=None) -> LoadedScene:
