@@ -122,7 +122,7 @@ soak: venv
 
 clean:
 	@if [[ -d $(MADE) ]]; then rm -rf $(VENV); fi
-	rm -rf dist {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated install log unc_physics/__pycache__/kernels-* unc_physics/kernels .pytest_cache .hypothesis .ruff_cache .import_linter_cache
+	rm -rf dist {.,evaluation}/{build,*.egg-info} docs/_build docs/reference/generated/python_*.md install log unc_physics/__pycache__/kernels-* unc_physics/kernels .pytest_cache .hypothesis .ruff_cache .import_linter_cache
 
 # A Python fits if it runs at all (a shim may not), can make a venv, and has the headers to compile against.
 define FITS

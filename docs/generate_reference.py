@@ -2,12 +2,14 @@
 
 Each page is made from the code that defines its facts: schemas, argument parsers, docstrings, interface
 files, parameter descriptors, rules of the status and sphere packings. ``python docs/generate_reference.py``
-writes the pages without building the site.
+writes the pages without building the site. Pages of the Python interface hold directives for Sphinx. The
+others are plain Markdown, and part of the repository.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import inspect
 import json
 import re
@@ -105,6 +107,7 @@ VALUES = {  # what the small definitions of the schemas accept
     "vector": "3 numbers",
     "positives": "3 numbers > 0",
     "quaternion": "4 numbers",
+    "roll_pitch_yaw": "3 numbers, or `{degrees: 3 numbers}`",
     "std": "1 or 3 numbers ≥ 0",
 }
 WITHOUT_DOCSTRING = {  # values, which have no docstring of their own
@@ -412,10 +415,13 @@ def _fields(text):
 
 def parameters_page() -> str:
     """Return the node's parameters, from their descriptors."""
-    from sphinx.ext.autodoc.mock import mock
-
-    with mock(ROS_MODULES):
+    if importlib.util.find_spec("rclpy"):
         from unc_physics.ros.parameters import parameter_table
+    else:
+        from sphinx.ext.autodoc.mock import mock
+
+        with mock(ROS_MODULES):
+            from unc_physics.ros.parameters import parameter_table
     lines = [
         "# Parameters of the node",
         "",
