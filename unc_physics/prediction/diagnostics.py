@@ -30,7 +30,6 @@ from .rare_outcomes import MATTER
 from .step_motion import MOST_MOTION
 
 _SAMPLED = names_where(lambda propagator: isinstance(propagator, Samples), "or")
-_ESTIMATED = names_where(lambda propagator: propagator.traits.mean_update == "estimated", "or")
 _FAR = 5.0  # standard deviations beyond which samples of a correct belief are not expected
 #: Standard deviations of position that a mean's depth inside something is compared with [m].
 _MEAN_DEPTHS = 2e-4, 2e-3
@@ -281,7 +280,7 @@ def spread_disagreement(evidence):
 @_measure(
     Status.OUTSIDE_VALIDITY,
     0.5,  # from which on evaluations count a mean as wrong
-    f"its predicted mean differs from that of rollouts; take {_ESTIMATED}",
+    f"its predicted mean differs from that of rollouts; take {_SAMPLED}",
 )
 def mean_disagreement(evidence):
     """Distance of the predicted mean from that of a few rollouts, over their standard deviation, of position
