@@ -214,7 +214,8 @@ $(MADE)/paper_kernels: $(MADE)/run
 	@$(VENV_PYTHON) -m unc_physics warm-up --physics paper > $(MADE)/paper_kernels.log
 	@touch $@
 
-$(MADE)/package: $(MADE)/run $(MADE)/interfaces setup.py setup.cfg package.xml
+# Launch files, scripts and configuration are copied for ros2 run and ros2 launch.
+$(MADE)/package: $(MADE)/run $(MADE)/interfaces setup.py setup.cfg package.xml $(wildcard config/* launch/* scripts/*)
 	@PYTHONWARNINGS=ignore $(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 

@@ -26,6 +26,13 @@ class MaybeCompiled(Distribution):
     def has_ext_modules(self):
         return any((HERE / NAME / "kernels").glob("*/*.kernel"))
 
+    def has_data(self):
+        """Have an editable install copy `data_files`, which ros2 run and ros2 launch look for.
+
+        setuptools copies them in other installs, where it asks `has_data_files`.
+        """
+        return self.has_data_files()
+
 
 # coacd for decompositions, manifold3d for the mug's handle, networkx for repairs, matplotlib for pictures
 GEOMETRY = ["coacd>=1.0.14", "manifold3d>=3", "matplotlib>=3.7", "networkx>=3", "scipy", "trimesh>=4"]

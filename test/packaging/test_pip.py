@@ -67,6 +67,20 @@ def built_wheel(sources, folder):
     return wheel
 
 
+def test_ros2_run_and_launch_find_an_editable_install(tmp_path):
+    index = pytest.importorskip("ament_index_python.packages")
+    sources, prefix = copy_sources(tmp_path / "sources"), tmp_path / "prefix"
+    options = ["-q", "--no-deps", "--no-build-isolation", "--no-compile", "--prefix", prefix, "-e", "."]
+    run([sys.executable, "-m", "pip", "install", *options], cwd=sources, env=clean_environment())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("AMENT_PREFIX_PATH", str(prefix))
+        share = Path(index.get_package_share_directory("unc_physics"))
+    assert (share / "package.xml").read_bytes() == (ROOT / "package.xml").read_bytes()
+    assert {*os.listdir(share / "launch")} >= {path.name for path in (ROOT / "launch").glob("*.launch.py")}
+    installed = {path.name: os.access(path, os.X_OK) for path in (prefix / "lib" / "unc_physics").iterdir()}
+    assert installed == {path.name: True for path in (ROOT / "scripts").iterdir()}
+
+
 @pytest.mark.long
 def test_core_installs_and_predicts_without_ros(tmp_path):
     env = clean_environment(PIP_CONSTRAINT=str(ROOT / "requirements" / "constraints.txt"), PIP_NO_INPUT="1")
