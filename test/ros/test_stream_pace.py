@@ -1,6 +1,7 @@
 """Streams in time: a limit on computation, predictions that are too late, and jumps of the clock."""
 
 import sys
+import time
 import types
 import typing
 
@@ -16,6 +17,7 @@ from scenes import moving_object, position_of
 
 from unc_physics import make_propagator
 from unc_physics.ros import stream_pace
+from unc_physics.ros.diagnostics import Counts, Problem
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.stream_pace import Pace
 from unc_physics_msgs.msg import Prediction, Scene
@@ -182,6 +184,69 @@ def test_a_limit_takes_rollouts_and_warns_and_what_is_over_is_dropped(hurried, c
         status, _ = diagnostics.status(name, lambda values: int(values["expired predictions"]) == 1)
         assert status.level == DiagnosticStatus.WARN and "horizon" in status.message
         assert not predictions.all()
+
+
+def test_diagnostics_tell_faults_of_the_node_and_streams_that_ended(
+    hurried, client, scenes, predictions, monkeypatch
+):
+    def fault(*_):
+        raise ZeroDivisionError
+
+    def publish():
+        scenes.publish(at(client.node.get_clock().now().nanoseconds))
+
+    name = f"{NODE}: predictions"
+    hurried.set_parameters([Parameter("horizons", value=[0.5]), Parameter("stream_time_budget", value=0.0)])
+    with Inbox(client, DiagnosticArray, "/diagnostics") as diagnostics:
+        _, before = diagnostics.status(name)
+        with monkeypatch.context() as patch:
+            patch.setattr("unc_physics.ros.streams.write_answer", fault)
+            for more in (1, 2):
+                status, _ = diagnostics.status(
+                    name,
+                    lambda values, more=more: int(values["errors"]) >= int(before["errors"]) + more,
+                    publish,
+                )
+        assert status.level == DiagnosticStatus.ERROR and "fault of the node" in status.message
+        later = types.SimpleNamespace(monotonic=lambda: time.monotonic() + 100.0)
+        monkeypatch.setattr("unc_physics.ros.diagnostics.time", later)
+        wait_until(lambda: "no input for 1" in diagnostics.status(name)[0].message)
+        assert diagnostics.status(name)[0].level == DiagnosticStatus.STALE
+
+
+def test_the_worst_problem_decides_until_it_is_old(monkeypatch):
+    now = [0.0]
+    clock = types.SimpleNamespace(monotonic=lambda: now[0])
+    monkeypatch.setattr("unc_physics.ros.diagnostics.time", clock)
+    counts, found = Counts("errors"), []
+
+    def look(at):
+        now[0] = at
+        status = counts.status("name", "fine")
+        found.append((at, status.level, status.message))
+
+    look(0.0)
+    counts.heard()  # one input is no stream
+    look(20.0)
+    counts.warn("fault", Problem.FAULT)
+    now[0] = 25.0
+    counts.warn("refused", Problem.REFUSED)
+    counts.warn("late")
+    look(25.0)
+    look(31.0)
+    for at in (31.0, 32.0):
+        now[0] = at
+        counts.heard()
+    look(41.0)
+    look(52.0)
+    assert found == [
+        (0.0, DiagnosticStatus.OK, "fine"),
+        (20.0, DiagnosticStatus.OK, "fine"),
+        (25.0, DiagnosticStatus.ERROR, "fault"),
+        (31.0, DiagnosticStatus.WARN, "refused"),
+        (41.0, DiagnosticStatus.OK, "fine"),
+        (52.0, DiagnosticStatus.STALE, "no input for 20 s"),
+    ]
 
 
 def test_disabled_introspection_publishes_no_events(hurried):

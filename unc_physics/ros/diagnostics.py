@@ -10,10 +10,13 @@ import logging
 import threading
 import time
 from collections import deque
+from enum import IntEnum
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
+
+from ..checks.errors import ErrorCode
 
 LIBRARY = logging.getLogger("unc_physics")
 _PERIOD = 1.0  # s
@@ -21,8 +24,26 @@ _WINDOW = 10.0  # s
 _REPORT_PERIOD = 5.0  # s, between warnings of one kind in the log
 
 
+class Problem(IntEnum):
+    """Kind of a problem, by how severe it is.
+
+    Attributes
+    ----------
+    LEFT_OUT
+        An input was late, dropped or skipped: a warning.
+    REFUSED
+        A request or input ended in an error, whose cause is what was sent: a warning.
+    FAULT
+        The node failed: an error.
+    """
+
+    LEFT_OUT = 0
+    REFUSED = 1
+    FAULT = 2
+
+
 class Counts:
-    """Values of one status, and its newest warning; safe for threads.
+    """Values of one status, its newest problem, and when an input came last; safe for threads.
 
     Parameters
     ----------
@@ -33,8 +54,8 @@ class Counts:
     def __init__(self, *names: str):
         self._lock = threading.Lock()
         self._values: dict[str, Any] = dict.fromkeys(names, 0)
-        # urgent and other ones, with their times
-        self._warned: dict[bool, tuple[str, float]] = dict.fromkeys((True, False), ("", -_WINDOW))
+        self._problems: dict[Problem, tuple[str, float]] = {}  # the newest of each kind, with their times
+        self._heard: deque[float] = deque(maxlen=2)  # times of the last inputs
 
     def add(self, name: str, count: int = 1) -> None:
         """Add to a counter."""
@@ -46,22 +67,34 @@ class Counts:
         with self._lock:
             self._values[name] = value
 
-    def warn(self, text: str, urgent: bool = False) -> None:
-        """Publish a warning for a while; an urgent one hides others."""
+    def warn(self, text: str, problem: Problem = Problem.LEFT_OUT) -> None:
+        """Publish a problem for a while; a more severe one hides others."""
         with self._lock:
-            self._warned[urgent] = text, time.monotonic()
+            self._problems[problem] = text, time.monotonic()
+
+    def heard(self) -> None:
+        """Note that an input came; once inputs follow each other, the status is stale without them."""
+        with self._lock:
+            self._heard.append(time.monotonic())
 
     def status(self, name: str, fine: str) -> DiagnosticStatus:
-        """Return the message, which is a warning while there is one; otherwise it says that all is fine."""
+        """Return the message: the worst problem if there is one, or that no input comes, or ``fine``."""
         now = time.monotonic()
         with self._lock:
-            values = dict(self._values)
-            warning = next((text for text, when in self._warned.values() if now - when < _WINDOW), "")
+            values, heard = dict(self._values), list(self._heard)
+            problems = {kind: text for kind, (text, when) in self._problems.items() if now - when < _WINDOW}
+        level, message = DiagnosticStatus.OK, fine
+        if problems:
+            worst = max(problems)
+            level = DiagnosticStatus.ERROR if worst is Problem.FAULT else DiagnosticStatus.WARN
+            message = problems[worst]
+        elif len(heard) == 2 and heard[1] - heard[0] < _WINDOW < now - heard[1]:
+            level, message = DiagnosticStatus.STALE, f"no input for {now - heard[1]:.0f} s"
         return DiagnosticStatus(
             name=name,
             hardware_id="none",
-            level=DiagnosticStatus.WARN if warning else DiagnosticStatus.OK,
-            message=warning or fine,
+            level=level,
+            message=message,
             values=[
                 KeyValue(key=key, value=f"{value:.6g}" if isinstance(value, float) else str(value))
                 for key, value in values.items()
@@ -130,11 +163,12 @@ class Diagnostics:
         with self._lock:
             self._finished.append(time.monotonic())
 
-    def failed(self, reason: str) -> None:
-        """Count a request or input that ended in an error."""
+    def failed(self, code: int, reason: str) -> None:
+        """Count a request or input that ended in an error with a code."""
         self.predictions.add("errors")
         self.predictions.set("last error", reason)
-        self.predictions.warn(f"error: {reason}", urgent=True)
+        problem = Problem.FAULT if code == ErrorCode.INTERNAL else Problem.REFUSED
+        self.predictions.warn(f"error: {reason}", problem)
 
     def _publish(self):
         """Publish the status of predictions and of the tracker."""

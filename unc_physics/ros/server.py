@@ -397,7 +397,7 @@ class PredictionServer:
             self.log.error(f"a fault of the node:\n{traceback.format_exc()}")
             write_error(result, error)
         if result.error_code not in (ErrorCode.NONE, ErrorCode.CANCELED):
-            self.diagnostics.failed(result.error_msg)
+            self.diagnostics.failed(result.error_code, result.error_msg)
 
 
 def _warm_up(settings, done: Callable[[str, float], object]) -> None:

@@ -69,13 +69,13 @@ class Stream:
 
     def _work(self, streamed):
         """Predict a scene, and adapt the rollouts of later ones to the time that it took."""
-        began = time.perf_counter()
+        began, counts = time.perf_counter(), self._server.diagnostics.predictions
+        counts.heard()
         limit = streamed.pace.limit(self._server.settings.stream_time_budget)
         published = self._predict(streamed, limit)
         took = time.perf_counter() - began
         streamed.pace.took(took, limit)
         if published and limit is not None and took > limit:
-            counts = self._server.diagnostics.predictions
             counts.add("late predictions")
             counts.warn(f"late: a prediction took {took:.3g} s, and the stream's limit is {limit:.3g} s")
 

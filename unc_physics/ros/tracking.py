@@ -24,7 +24,7 @@ from ..prediction.request_checks import marks_of
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from .detected import Detection3DArray, Detections
-from .diagnostics import ThrottledWarnings
+from .diagnostics import Problem, ThrottledWarnings
 from .messages.clocks import on_clock_jump, stamp_age, stamp_problem
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
@@ -149,6 +149,7 @@ class Tracking:
 
     def _pass_on(self, work, message):
         """Have the worker process a message, once its transform is there."""
+        self._counts.heard()
         header = message.header
         if not (header.stamp.sec or header.stamp.nanosec):
             header.stamp = self._clock.now().to_msg()
@@ -200,8 +201,8 @@ class Tracking:
             try:
                 with self._limited():
                     work(message, transform, settings)
-            except (DivergedError, PredictionTimeoutError):
-                self._clear()
+            except (DivergedError, PredictionTimeoutError) as error:
+                self._give_up(error)
                 raise
 
     def _leave_out(self, message, reason):
@@ -277,9 +278,14 @@ class Tracking:
                     self._tracks.advance(stamp, settings)
                     self._counts.set("objects", len(self._tracks.names))
                 self._publish()
-        except (DivergedError, PredictionTimeoutError):
-            self._clear()
+        except (DivergedError, PredictionTimeoutError) as error:
+            self._give_up(error)
             raise
+
+    def _give_up(self, error):
+        """Forget all objects, as the tracker cannot go on with them."""
+        self._counts.warn(f"the tracker starts anew: {error}", Problem.FAULT)
+        self._clear()
 
     def _publish(self):
         """Publish the newest belief, and have it predicted."""
