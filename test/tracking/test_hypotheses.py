@@ -89,27 +89,38 @@ def test_an_accepted_measurement_ends_a_row_of_rejected_ones():
 
 
 @pytest.mark.parametrize(
-    ("mode", "before", "physics", "alone", "after", "evidence"),
+    ("mode", "before", "gained", "after", "evidence"),
     [
-        (TrackMode.PHYSICS, 1.0, 2.0, 5.0, TrackMode.PHYSICS, 4.0),
-        (TrackMode.PHYSICS, 1.0, 5.0, 2.0, TrackMode.PHYSICS, 0.0),
-        (TrackMode.PHYSICS, 20.0, 0.0, 5.0, TrackMode.PHYSICS, 25.0),
-        (TrackMode.PHYSICS, 20.0, 0.0, 5.01, TrackMode.CARRIED, 0.0),
-        (TrackMode.PHYSICS, 1.0, -99.0, 2.0, TrackMode.PHYSICS, 10.0),  # no density counts as less than -7
-        (TrackMode.PHYSICS, 1.0, -99.0, -50.0, TrackMode.PHYSICS, 1.0),
-        (TrackMode.CARRIED, 1.0, 5.0, 2.0, TrackMode.CARRIED, 4.0),
-        (TrackMode.CARRIED, 1.0, 2.0, 5.0, TrackMode.CARRIED, 0.0),
-        (TrackMode.CARRIED, 25.0, 5.0, 0.0, TrackMode.CARRIED, 30.0),
-        (TrackMode.CARRIED, 25.0, 5.01, 0.0, TrackMode.PHYSICS, 0.0),
+        (TrackMode.PHYSICS, 1.0, 3.0, TrackMode.PHYSICS, 4.0),
+        (TrackMode.PHYSICS, 1.0, -3.0, TrackMode.PHYSICS, 0.0),
+        (TrackMode.PHYSICS, 20.0, 5.0, TrackMode.PHYSICS, 25.0),
+        (TrackMode.PHYSICS, 20.0, 5.01, TrackMode.CARRIED, 0.0),
+        (TrackMode.PHYSICS, 1.0, 101.0, TrackMode.PHYSICS, 15.0),  # no measurement counts for more than 14
+        (TrackMode.PHYSICS, 20.0, -101.0, TrackMode.PHYSICS, 6.0),
+        (TrackMode.CARRIED, 1.0, -3.0, TrackMode.CARRIED, 4.0),
+        (TrackMode.CARRIED, 1.0, 3.0, TrackMode.CARRIED, 0.0),
+        (TrackMode.CARRIED, 25.0, -5.0, TrackMode.CARRIED, 30.0),
+        (TrackMode.CARRIED, 25.0, -5.01, TrackMode.PHYSICS, 0.0),
     ],
 )
-def test_evidence_is_a_cumulative_sum_that_changes_the_mode(mode, before, physics, alone, after, evidence):
-    found = track(mode, evidence=before)._weighed(physics, alone, 6)
+def test_evidence_is_a_cumulative_sum_that_changes_the_mode(mode, before, gained, after, evidence):
+    found = track(mode, evidence=before)._weighed(1.0, gained, 6)
     assert found.mode is after and found.evidence == pytest.approx(evidence)
 
 
-def test_densities_of_three_dimensions_count_down_to_half():
-    assert track()._weighed(-99.0, 0.0, 3).evidence == pytest.approx(3.5)
+def test_three_dimensions_count_up_to_half():
+    assert track()._weighed(1.0, 99.0, 3).evidence == pytest.approx(7.0)
+
+
+def test_a_carried_body_in_contact_is_free_once_its_release_explains_half_a_second():
+    own, free = track(TrackMode.CARRIED, evidence=9.0), {}
+    own = own._weighed(1.0, 14.0, 6)  # against physics: the members begin here
+    assert (own.evidence, own.released) == (0.0, 1.0)
+    for time in (1.1, 1.2, 1.3, 1.4, 1.49, 1.51):
+        free[time] = [own._weighed(time, -14.0, 6, touching).mode for touching in (False, True)]
+        own = own._weighed(time, -14.0, 6, touching=True)
+    carried, physics = TrackMode.CARRIED, TrackMode.PHYSICS
+    assert list(free.values()) == [[carried] * 2] * 2 + [[physics, carried]] * 3 + [[physics] * 2]
 
 
 def test_a_carried_body_that_is_not_seen_stops_after_a_quarter_of_a_second():

@@ -162,6 +162,43 @@ def test_a_hand_is_followed_and_let_go():
     assert errors[120] < 2e-3
 
 
+def smooth(share):
+    """From 0 to 1 without a jump of the velocity."""
+    share = np.clip(share, 0.0, 1.0)
+    return share**2 * (3.0 - 2.0 * share)
+
+
+def lifted(t):
+    """A hand lifts the box at 0.2 m/s, moves it by 0.3 m, and puts it down."""
+    z = 0.2 * (np.clip(t - 1.0, 0.0, 1.0) - smooth((t - 3.2) / 1.0))
+    return [0.3 * smooth((t - 1.8) / 1.2), 0.0, SIDE / 2 + z]
+
+
+def pushed(t):
+    """A hand pushes the box at 0.1 m/s for 3 s."""
+    return [0.1 * np.clip(t - 1.0, 0.0, 3.0), 0.0, SIDE / 2]
+
+
+@pytest.mark.parametrize(
+    ("path", "rate", "begins", "stops"),
+    [(lifted, 10.0, 0.2, 4.1), (lifted, 30.0, 0.2, 4.1), (pushed, 10.0, 0.4, 4.0), (pushed, 30.0, 0.2, 4.0)],
+)
+def test_a_body_is_carried_from_when_a_hand_moves_it_until_it_rests(path, rate, begins, stops):
+    """At 10 Hz two measurements must show that it moves: 10 mm in the first are too few."""
+    for seed in range(3):
+        scene, rng = table_scene(), np.random.default_rng(seed)
+        tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
+        found = {}
+        for t in (np.arange(1, round(6.0 * rate) + 1) / rate).tolist():
+            found[t] = tracker.correct(t, {"box0": measured(pose(path(t)), rng)}).status["box0"]
+        carried = [t for t, status in found.items() if status is TrackStatus.CARRIED]
+        assert 1.0 < carried[0] <= 1.0 + begins + 1e-9, (seed, carried)
+        assert stops <= carried[-1] + 1e-9 <= stops + 0.9, (seed, carried)
+        between = {status for t, status in found.items() if carried[0] <= t <= carried[-1]}
+        assert between == {TrackStatus.CARRIED}, (seed, found)
+        assert [status for t, status in found.items() if t > 5.0] == [TrackStatus.RESTING] * round(rate)
+
+
 def test_single_outliers_are_rejected_and_a_moved_body_is_found_again():
     scene, rng = table_scene(), np.random.default_rng(8)
     tracker = Tracker(scene, belief_of(scene, box0={"position": RESTING[:3]}))
@@ -510,5 +547,5 @@ def test_every_pose_without_an_effect_is_reported_as_rejected(gap):
         without.append(np.array_equal(tracker.belief().mean, unseen.belief().mean))
         listed.append(report.rejected == ("can",))
     assert listed == without
-    assert 2 <= sum(without) <= 4
+    assert 1 <= sum(without) <= 4
     assert report.distance["can"] < 5.0

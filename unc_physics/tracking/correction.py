@@ -99,7 +99,10 @@ def correct_state(
     for (body, reference, observation), physics in zip(seen, result.innovations, strict=True):
         place, symmetry = places[body], tracked.symmetry(body)
         tracks = list(state.tracks)
-        track = tracks[place].seen(time, observation, mean[reference], physics, tracked.gates, symmetry)
+        touching = bool(state.contact_share[body] > 0.0)
+        track = tracks[place].seen(
+            time, observation, mean[reference], physics, tracked.gates, symmetry, touching
+        )
         tracks[place] = track
         state = state._replace(tracks=tuple(tracks))
         if track.last_seen < time:
