@@ -316,3 +316,24 @@ def test_a_call_that_is_interrupted_leaves_the_tracker_as_it_was():
     after = scenery.known()["can 0"]
     assert after.pose == before.pose and after.last_seen == before.last_seen
     library.discard()
+
+
+def test_an_object_that_turns_on_the_spot_gives_one_hint(tracks):
+    def hints(place, model="can", settings=SETTINGS, turn=3.0):
+        """For yaw angles at 10 Hz, at places for times."""
+        tracks.tracks.clear()
+        found = []
+        for k, t in enumerate(np.arange(0.0, 1.0, 0.1).tolist()):
+            seen = tracks.see(t, place(t), named=True, settings=settings, yaw=turn * t, models=[model])
+            found += [(k, hint) for hint in seen.hints]
+        return found
+
+    still = (0.0, 0.0, 0.0)
+    symmetric = Settings(track=True, exact=True, symmetric_models=("can:z",))
+    assert not hints(lambda t: still, settings=symmetric)
+    assert not hints(lambda t: still, turn=1.5)  # less than a quarter turn
+    assert not hints(lambda t: (0.5 * t, 0.0, 0.0))  # a hand carries it
+    ((k, hint),) = hints(lambda t: still)
+    assert k == 6 and "'can 0'" in hint and "symmetric_models: ['can:z']" in hint  # at 1.8 rad
+    assert not hints(lambda t: still)  # once
+    assert "mug:z" in hints(lambda t: still, "mug")[0][1]

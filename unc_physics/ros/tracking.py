@@ -234,6 +234,9 @@ class Tracking:
         counts.add("rejected observations", found.rejected)
         counts.add("duplicate observations", found.duplicates)
         counts.add("new objects", found.births)
+        for text in found.hints:
+            counts.warn(text)
+            self._server.log.warning(text)
         counts.add("late observations", len(objects) * found.is_late)
         if found.is_too_late:
             counts.add("observations beyond the window", len(objects))

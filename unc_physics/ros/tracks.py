@@ -32,7 +32,7 @@ from ..scene.origins import gaussian_at_origins
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
 from ..tracking.measurements import PoseMeasurement
-from ..tracking.symmetry import AxialSymmetry
+from ..tracking.symmetry import AxialSymmetry, turned_about
 from ..tracking.tracker import Tracker
 from .association import OF_POSITION, ObservationMemory, Place, assign
 from .messages.actions import group_actions
@@ -84,6 +84,8 @@ class ObservationReport:
         Reasons of observations that were left out, by id.
     accepted, rejected, duplicates, births : int
         Numbers of observations, and of new objects.
+    hints : list of str
+        What the user may want to set; each comes once.
     is_late, is_too_late : bool
         Whether the observations are older than earlier ones, and than the window.
     """
@@ -93,6 +95,7 @@ class ObservationReport:
     rejected: int = 0
     duplicates: int = 0
     births: int = 0
+    hints: list[str] = field(default_factory=list)
     is_late: bool = False
     is_too_late: bool = False
 
@@ -116,6 +119,7 @@ class Tracks:
     ):
         self._library, self._environment, self._interrupt = library, environment, interrupt
         self._changes = 0
+        self._turning: set[str] = set()  # models about which a hint was given
         self.clear()
 
     def clear(self) -> None:
@@ -127,6 +131,7 @@ class Tracks:
         self._models: dict[str, str] = {}  # of all bodies
         self._robots: dict[str, PrescribedObject] = {}
         self._seen: dict[str, ObservationRecord] = {}
+        self._still: dict[str, np.ndarray] = {}  # first poses since an object moved, by id
         self._memory = ObservationMemory(self._library)
         self._numbers: dict[str, int] = {}  # of objects without an id, by model
         self._surroundings: tuple[int, Environment] = -1, Environment()
@@ -206,6 +211,7 @@ class Tracks:
             outcome.is_too_late = report.too_late
             for name in seen if not report.too_late else ():
                 self._note(name, stamp, report, outcome)
+                self._watch_turning(name, seen[name], settings, outcome)
             self._observed = max(self._observed, stamp)
             self._stamp = max(self._stamp, stamp)
         self._forget_old(settings)
@@ -217,6 +223,23 @@ class Tracks:
         outcome.accepted += not rejected
         newest = old.stamp if rejected else max(old.stamp, stamp)
         self._seen[name] = ObservationRecord(newest, float(report.distance[name]), old.rejections + rejected)
+
+    def _watch_turning(self, name, measurement, settings, outcome):
+        """Give one hint for a model that turns on the spot: it may look the same at every angle."""
+        model = self._models[name]
+        if model in self._turning or model in settings.symmetries:
+            return
+        if measurement.covariance.diagonal()[3:].max() > 1.0:  # rad^2: its angle is not measured
+            return
+        axis = turned_about(self._still.setdefault(name, measurement.pose), measurement.pose)
+        if axis == -1:
+            self._still[name] = measurement.pose
+        elif axis is not None:
+            self._turning.add(model)
+            outcome.hints.append(
+                f"'{name}' turns on the spot: if {model} looks the same at every angle, set the parameter"
+                f" symmetric_models: ['{model}:{AXES[axis]}']"
+            )
 
     def advance(self, stamp: int, settings: Settings) -> None:
         """Advance to a time [ns] without observations; late ones may still arrive within the window."""
@@ -636,6 +659,7 @@ class Tracks:
             self._tracker = None
             self._change()
         for name in invalid:
+            self._still.pop(name, None)
             self._states.pop(name, None)
             self._seen.pop(name, None)
         self._dropped.update(invalid)
@@ -664,6 +688,7 @@ class Tracks:
         self._change()
         robot, state = self._robots.pop(name, None), self._states.pop(name, None)
         self._seen.pop(name, None)
+        self._still.pop(name, None)
         if self._tracker is None:
             return
         if not self._states:

@@ -22,6 +22,8 @@ from .observation import RELATIVE_POSE
 
 #: Standard deviation of a measured angle about an axis of symmetry, which is unknown [rad].
 _UNSEEN = 10.0
+#: Distance [m] and tilt [rad] within which a measured body counts as still: a few times a detector's noise.
+_SAME_PLACE, _SAME_AXIS = 0.02, 0.2
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -177,6 +179,27 @@ def folded(
     if observation.kind == RELATIVE_POSE:
         expected = _product(_conjugate(reference[QUATERNION]), expected)
     return symmetry.folded(observation, expected)
+
+
+def turned_about(first: np.ndarray, later: np.ndarray) -> int | None:
+    """Return the body axis about which a body that stays where it is has turned, by more than a quarter turn.
+
+    Parameters
+    ----------
+    first, later : (7,) array
+        Poses: position and quaternion (x, y, z, w).
+
+    Returns
+    -------
+    int or None
+        0, 1 or 2 for x, y or z; -1 if the body has moved or tilted; None if it has done neither, nor turned.
+    """
+    R, S = rotation_matrix(first[3:]), rotation_matrix(later[3:])
+    along = np.einsum("ra,ra->a", R, S)  # cosines between each axis before and after
+    axis = int(np.argmax(along))
+    if np.linalg.norm(later[:3] - first[:3]) > _SAME_PLACE or along[axis] < np.cos(_SAME_AXIS):
+        return -1
+    return axis if along.min() < 0.0 else None
 
 
 def _about(axis, turns):
