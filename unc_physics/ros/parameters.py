@@ -20,7 +20,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from ..checks.errors import InvalidOptionError, UncPhysicsError
 from ..checks.names import removed, suggestion
-from ..propagators.names import ANYTIME, REFERENCE
+from ..propagators.names import ANYTIME, REFERENCE, SURFACE
 from ..propagators.registry import PROPAGATORS
 from ..scene.physics_keys import PHYSICS_KEYS
 from ..scene.presets import PRESETS, certain, with_changes
@@ -210,7 +210,7 @@ class Settings:
     horizons: tuple[float, ...] = parameter(
         (0.2, 0.5, 1.0, 2.0), "Times for which streamed scenes are predicted [s]."
     )
-    stream_propagator: str = parameter(ANYTIME, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
+    stream_propagator: str = parameter(SURFACE, "Propagator for streamed scenes.", choices=tuple(PROPAGATORS))
     stream_time_budget: float = parameter(
         0.0,
         "Wall time that a streamed scene is to take [s]; if one takes longer, later ones get fewer rollouts."

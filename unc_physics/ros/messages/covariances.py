@@ -198,7 +198,11 @@ def _repaired(P, field):
             raise InvalidCovarianceError(
                 f"has a negative variance at [{k}][{k}]", field=field, value=float(diagonal[k])
             )
-        raise InvalidCovarianceError("must not have negative eigenvalues", field=field, value=low)
+        raise InvalidCovarianceError(
+            "must not have negative eigenvalues; enlarge its diagonal by their size, at least",
+            field=field,
+            value=float(np.linalg.eigvalsh(0.5 * (P + P.T))[0]),
+        )
     changes = []
     if asymmetry.max() > _ROUND_OFF:
         changes.append(f"{field} was made symmetric")
