@@ -8,7 +8,7 @@ import typing
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import TransformStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
@@ -16,6 +16,7 @@ from running import Inbox, node_in_this_process, wait_until
 from scenes import moving_object, position_of
 
 from unc_physics import make_propagator
+from unc_physics.checks.errors import DivergedError
 from unc_physics.ros import stream_pace
 from unc_physics.ros.diagnostics import Counts, Problem
 from unc_physics.ros.messages.fields import seconds
@@ -212,6 +213,29 @@ def test_diagnostics_tell_faults_of_the_node_and_streams_that_ended(
         monkeypatch.setattr("unc_physics.ros.diagnostics.time", later)
         wait_until(lambda: "no input for 1" in diagnostics.status(name)[0].message)
         assert diagnostics.status(name)[0].level == DiagnosticStatus.STALE
+
+
+def test_a_tracker_that_starts_anew_is_an_error(client, monkeypatch):
+    def diverge(*_):
+        raise DivergedError("left the range of numbers", field="tracker")
+
+    monkeypatch.setattr("unc_physics.ros.tracks.Tracks.observe", diverge)
+    values = {"track": True, "observed_objects": ["can"], "warm_up": [""]}
+    with (
+        node_in_this_process("restarted", **values),
+        Inbox(client, DiagnosticArray, "/diagnostics") as diagnostics,
+    ):
+        pose = PoseWithCovarianceStamped()
+        publisher = client.node.create_publisher(
+            PoseWithCovarianceStamped, "/restarted/observed/can", qos_profile_sensor_data
+        )
+        status, _ = diagnostics.status(
+            "restarted: tracking",
+            lambda values: int(values["skipped observations"]) > 0,
+            lambda: publisher.publish(pose),
+        )
+        assert status.level == DiagnosticStatus.ERROR and "starts anew" in status.message
+        client.node.destroy_publisher(publisher)
 
 
 def test_the_worst_problem_decides_until_it_is_old(monkeypatch):
