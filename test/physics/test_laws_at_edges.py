@@ -110,6 +110,12 @@ def a_body_stands_where_its_centre_is_over_its_support(dt):
         for r in (5e-4, 2e-3, 5e-3):
             cubes = [RigidBody(name, rounded_box(0.1, r), 1.0) for name in ("b", "lower")]
             cases.append((f"cube rounded by {r} m", cubes, [FLOOR], 0.05 - r - inset, 0.15, straight))
+        for name in ("bottle", "bowl", "plate", "mug"):  # feet that are rings, of sectors
+            ring = RigidBody("b", load_model(name))
+            height = -ring.model.origin[2]
+            for yaw in np.radians((0, 11, 22, 33, 44, 55, 66, 77)):
+                case = f"{name} at {yaw:.2f} rad", [ring], [TABLE], -inset, height, about((0, 0, 1), yaw)
+                cases.append(case)
         for what, bodies, around, x, z, q in cases:
             low = 0.025 if bodies[-1] is lower else 0.05
             start = [state((x, 0.01, z), orientation=q), state((0, 0, low))][: len(bodies)]

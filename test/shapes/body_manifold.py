@@ -20,7 +20,7 @@ from unc_physics.shapes.columns import (
     POSITION,
     RADIUS,
 )
-from unc_physics.shapes.manifold import _DEEPER, _load_point, manifold_of_pieces, reduce, write_contact
+from unc_physics.shapes.manifold import _DEEPER, load_point, manifold_of_pieces, reduce, write_contact
 from unc_physics.shapes.nearest import nearest
 from unc_physics.shapes.support import center, gap_along
 from unc_physics.spatial.vectors import dot, minus, plus, times, triple
@@ -125,7 +125,7 @@ def contacts_of_bodies(i, j, far, lean, base, frames, pieces, rows, first, near,
         end += written
     if end > MOST_OF_BODIES:
         a, b = int(out[0, PIECE_A]), int(out[0, PIECE_B])
-        load = _load_point(a, b, triple(out[0], NORMAL), lean, base, frames, pieces)
+        load = load_point(a, b, triple(out[0], NORMAL), lean, base, frames, pieces)
         end = reduce(out, 0, end, MOST_OF_BODIES, lean, load)
     for k in range(end):  # normals point from body i to body j
         if int(pieces[int(out[k, PIECE_A]), OWNER]) != i:

@@ -11,6 +11,7 @@ from ..spatial.rotation import cross
 from ..spatial.vectors import dot, minus, plus, times, triple
 from .columns import (
     CONTACT,
+    COS_HALF,
     FACE_OF,
     FACE_OF_A,
     FACE_OF_B,
@@ -35,7 +36,7 @@ from .columns import (
     ROUNDING,
 )
 from .nearest import half_space, nearest
-from .support import face, get, matrix_times, put, support, transposed_times, unit
+from .support import face, get, matrix_times, put, round_outline, support, transposed_times, unit
 
 #: Most contacts of two pieces: two rectangles overlap in an octagon.
 MOST_OF_PIECES = 8
@@ -44,6 +45,7 @@ _FLAT = 1e-12  # 1 - cosine up to which two faces are parallel: .1 um over .1 m
 _LEVEL = 1e-9  # difference of cosines of two faces from which on one is flatter
 _ACROSS = 1e-12  # squared cosine up to which a load moves across a normal
 _TIE = 1e-12  # difference that does not count [m, or m^2]
+_ON_SIDE = 1e-4  # distance from which on a load is off a side of its contacts [m]
 _KEPT = -1.0  # marks a contact that is kept
 _FLAT_ON_FACE = 1e-5  # 1 - cosine up to which the normal is that of the face
 _OBLIQUE = 0.5  # cosine below which a surface does not face along the normal
@@ -84,7 +86,7 @@ def write_contact(out, k, point, gap, n, a, b, whose):
 
 
 @inner
-def _load_point(a, b, n, lean, base, frames, pieces):
+def load_point(a, b, n, lean, base, frames, pieces):
     """Return the centre of mass of the body that ``lean`` presses against the other one; b's across ``n``."""
     pressed = dot(lean, n)
     loaded = a if pressed > 0.0 and pressed * pressed > _ACROSS * dot(lean, lean) else b
@@ -92,10 +94,45 @@ def _load_point(a, b, n, lean, base, frames, pieces):
 
 
 @inner
+def _room(out, corners, load):
+    """Return how far the point ``load`` is within the outline of four contacts, and that side's normal."""
+    n, least = triple(out[corners[0]], NORMAL), math.inf
+    way = n
+    for j in corners:
+        for k in corners:
+            across = cross(minus(triple(out[k], POINT), triple(out[j], POINT)), n)
+            if dot(across, across) > _TIE:
+                across, reach = unit(across), -math.inf
+                for q in corners:
+                    reach = max(reach, dot(minus(triple(out[q], POINT), load), across))
+                if reach < least:
+                    least, way = reach, across
+    return least, way
+
+
+@inner
+def _fourth(out, first, last, corners, load):
+    """Return the last of four contacts, or the one that gives a load at least twice the room to tip.
+
+    That one lies beyond the side over which the load would tip first.
+    """
+    i, j, k, found = corners
+    least, way = _room(out, corners, load)
+    best = enough = 2.0 * max(least, _ON_SIDE)
+    for q in range(first, last):
+        wide = (out[q, GAP] - out[i, GAP]) / _TILT
+        value = dot(minus(triple(out[q], POINT), load), way) - wide
+        if out[q, FARNESS] != _KEPT and value > best + _TIE:
+            best, found = value, q
+    return found if found == corners[3] or _room(out, (i, j, k, found), load)[0] > enough else corners[3]
+
+
+@inner
 def reduce(out, first, last, most, lean, load):
     """Keep the deepest contact, the one where a load leaves, and the ones that differ most; return the end.
 
-    The load moves from the point ``load`` along ``lean``. Contacts differ in place or direction.
+    The load moves from the point ``load`` along ``lean``. Contacts differ in place or direction. The fourth
+    one is the farthest, unless another one leaves the load much more room to tip.
     """
     if last - first <= most:
         return last
@@ -108,8 +145,9 @@ def reduce(out, first, last, most, lean, load):
         # ties of symmetric outlines go to the first row, not to round-off
         if -out[k, GAP] > best + _TIE:
             best, found = -out[k, GAP], k
-    least = out[found, GAP]
+    deepest, least = found, out[found, GAP]
     out[found, FARNESS] = _KEPT
+    second = third = found
     for c in range(1, most):
         p, n = triple(out[found], POINT), triple(out[found], NORMAL)
         best, leaves = -math.inf, found
@@ -131,9 +169,12 @@ def reduce(out, first, last, most, lean, load):
             value = out[k, FARNESS] - wide * wide
             if value > best * (1.0 + 1e-4) + _TIE:
                 best, farthest = value, k
+        if c == 3:
+            farthest = _fourth(out, first, last, (deepest, second, third, farthest), load)
         if out[found, FARNESS] <= _TIE:  # kept, or in the place of one that is
             found = farthest
         out[found, FARNESS] = _KEPT
+        second, third = third, found
     end = first
     for k in range(first, last):
         if out[k, FARNESS] == _KEPT:
@@ -148,7 +189,7 @@ def reduce(out, first, last, most, lean, load):
 def _on_half_space(a, b, far, lean, base, frames, pieces, rows, polygons, out, first):
     """Write the contacts of piece b with the half-space a; return their number and the least gap."""
     o, n = half_space(a, base, frames, pieces, rows)
-    load = _load_point(a, b, n, lean, base, frames, pieces)
+    load = load_point(a, b, n, lean, base, frames, pieces)
     piece = pieces[b]
     end, polygon, least, most = first, polygons[0], math.inf, MOST_OF_PIECES
     if piece[KIND] == HULL and piece[LAST_FACE] > piece[FIRST_FACE]:
@@ -213,7 +254,7 @@ def manifold_of_pieces(a, b, n, follow, far, lean, base, frames, pieces, rows, p
     if pieces[a, KIND] == HALF_SPACE:
         return _on_half_space(a, b, far, lean, base, frames, pieces, rows, polygons, out, first)
     own, other, spare = polygons[0], polygons[1], polygons[2]
-    load = _load_point(a, b, n, lean, base, frames, pieces)
+    load = load_point(a, b, n, lean, base, frames, pieces)
     count_a, normal_a = face(a, n, lean, load, base, frames, pieces, rows, own)
     count_b, normal_b = face(b, times(-1.0, n), lean, load, base, frames, pieces, rows, other)
     most = MOST_OF_PIECES
@@ -239,6 +280,8 @@ def manifold_of_pieces(a, b, n, follow, far, lean, base, frames, pieces, rows, p
         normal = unit(minus(times(side, n), times(side * dot(n, t) / dot(t, t), t)))
     if size < 2:
         return 0, math.inf, n
+    if size > 2 and count == 2 and pieces[top, KIND] == LATHE and pieces[top, COS_HALF] > -1.0:
+        count = round_outline(top, base, frames, pieces, clipped)
     slope = abs(dot(normal, n))
     if slope < (0.99 if follow else _OBLIQUE) or (follow and size == 2):
         return 0, math.inf, n

@@ -287,3 +287,41 @@ def _flat(piece, frame, o, axis, r0, z0, r1, z1, nr, nz, lean, load, out):
             put(out, k, get(out, count - k))
             put(out, count - k, p)
     return count + 1, normal
+
+
+@inner
+def round_outline(p, base, frames, pieces, out):
+    """Widen the segment in the first two rows of ``out`` to the outline of a sector's round surface.
+
+    The segment is one that `face` has written. Its ends stay corners, and those of the surface are added: a
+    flat face may end between a sector's farthest meridian and its ends. Returns the number of corners.
+    """
+    piece, q0, q1 = pieces[p], get(out, 0), get(out, 1)
+    frame = frames[int(piece[OWNER])]
+    axis = matrix_times(frame, ROTATION, (piece[AXES + 2], piece[AXES + 5], piece[AXES + 8]))
+    o = matrix_times(frame, ROTATION, triple(piece, ORIGIN))
+    o = plus(minus(triple(frame, POSITION), base), o)
+    ca, sa = piece[COS_HALF], piece[SIN_HALF]
+    way = matrix_times(piece, AXES, (piece[AZIMUTH], piece[AZIMUTH + 1], 0.0))
+    middle = matrix_times(frame, ROTATION, way)
+    side = cross(axis, middle)
+    count = 0
+    for k in range(2):
+        q = q0 if k == 0 else q1
+        d = minus(q, o)
+        z = dot(d, axis)
+        d = minus(d, times(z, axis))
+        r, foot = math.sqrt(dot(d, d)), plus(o, times(z, axis))
+        if r <= _NO_DIRECTION:  # on the axis
+            put(out, count, q)
+            count += 1
+            continue
+        turn = sa if k == 0 else -sa
+        put(out, count, plus(foot, times(r, minus(times(ca, middle), times(turn, side)))))
+        count += 1
+        if dot(d, middle) > r * (ca + _UPRIGHT):
+            put(out, count, q)
+            count += 1
+        put(out, count, plus(foot, times(r, plus(times(ca, middle), times(turn, side)))))
+        count += 1
+    return count

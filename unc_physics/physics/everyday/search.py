@@ -29,7 +29,7 @@ from ...shapes.columns import GAP as FOUND_GAP
 from ...shapes.columns import NORMAL as FOUND_NORMAL
 from ...shapes.columns import POINT as FOUND_POINT
 from ...shapes.columns import RADIUS as PIECE_RADIUS
-from ...shapes.manifold import contacts_of_pieces, manifold_of_pieces, reduce, write_contact
+from ...shapes.manifold import contacts_of_pieces, load_point, manifold_of_pieces, reduce, write_contact
 from ...shapes.nearest import above_half_space, half_space, nearest
 from ...shapes.support import best_face, gap_along, unit
 from ...spatial.rotation import cross
@@ -488,11 +488,14 @@ def _extreme(first, end, out):
 
 
 @inner(noinline=True)
-def _patches(k, lean, out):
+def _patches(k, lean, a, b, Y, solids, out):
     """Keep few of k contacts along one normal, whatever pieces they are of; return how many are left.
 
-    Four carry what more would carry too: the deepest, the one where the load leaves, and the two farthest.
+    Four carry what more would carry too: the deepest, the one where the load leaves, the farthest, and one
+    beyond the side over which the load would tip first.
     """
+    base = three(Y, b, CENTRE)
+    pa, pb = int(Y[a, FIRST]), int(Y[b, FIRST])
     first = 0
     while first < k:
         n, end = three(out, first, FOUND_NORMAL), first + 1
@@ -501,7 +504,8 @@ def _patches(k, lean, out):
                 for x in range(CONTACT if j > end else 0):
                     out[j, x], out[end, x] = out[end, x], out[j, x]
                 end += 1
-        kept = _extreme(first, reduce(out, first, end, PATCH, lean, (0.0, 0.0, 0.0)), out)
+        load = load_point(pa, pb, n, lean, base, Y, solids.pieces)
+        kept = _extreme(first, reduce(out, first, end, PATCH, lean, load), out)
         if kept < end:
             for j in range(end, k):
                 for x in range(CONTACT):
@@ -542,7 +546,7 @@ def meet(a, b, far, dt, slack, Y, solids, old, first, had, search, count):
         return FULL, 0.0
     for c in range(m):
         low = min(low, search.near[c, N_GAP])
-    k = _patches(_touching(m, k, b, lean, Y, solids, search), lean, search.out)
+    k = _patches(_touching(m, k, b, lean, Y, solids, search), lean, a, b, Y, solids, search.out)
     return reduce(search.out, 0, k, MOST, lean, (0.0, 0.0, 0.0)), low
 
 
@@ -571,7 +575,7 @@ def _meet_one(a, b, far, lean, Y, solids, old, first, had, search, count):
         gap = above_half_space(pa, pb, base, Y, pieces, rows)[0]
     if k == 0:
         write(pairs[a], b, PARTED, n)
-    return _patches(k, lean, search.out), gap
+    return _patches(k, lean, a, b, Y, solids, search.out), gap
 
 
 @inner
