@@ -110,6 +110,9 @@ def a_body_stands_where_its_centre_is_over_its_support(dt):
         for r in (5e-4, 2e-3, 5e-3):
             cubes = [RigidBody(name, rounded_box(0.1, r), 1.0) for name in ("b", "lower")]
             cases.append((f"cube rounded by {r} m", cubes, [FLOOR], 0.05 - r - inset, 0.15, straight))
+        bottle = RigidBody("b", load_model("bottle"))
+        high = 0.05 - bottle.model.origin[2]
+        cases.append(("bottle on a body", [bottle, lower], [FLOOR], 0.1 - inset, high, straight))
         for name in ("bottle", "bowl", "plate", "mug"):  # feet that are rings, of sectors
             ring = RigidBody("b", load_model(name))
             height = -ring.model.origin[2]
