@@ -363,7 +363,7 @@ def test_probabilities_equal_the_closed_form(name, method):
         right = ndtr(-STD / np.sqrt((A @ P0 @ A.T)[0, 0]))
         assert probability.low <= right <= probability.high, kind
         # known to 0.03 by 3.29 deviations on both sides; the 32 rollouts of cloud are no more than that
-        assert probability.high - probability.low < (0.35 if method.name == "cloud" else 0.2), kind
+        assert probability.high - probability.low < (0.4 if method.name == "cloud" else 0.2), kind
 
 
 @every_method
