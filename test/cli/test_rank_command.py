@@ -74,7 +74,11 @@ def test_files_are_ranked_as_in_python(files, capsys):
         (["far.yaml", "long.yaml", *EVENTS], "INVALID_HORIZON", "horizon must be the same in all files, 0.3"),
         (["far.yaml", "--event", "upright: ["], "INVALID_REQUEST", "--event must be an event in YAML"),
         (["far.yaml", "cup.yaml", *EVENTS], "INVALID_REQUEST", "actions['cup.yaml']: score.object names no"),
-        (["actions.yaml", *EVENTS], "INVALID_REQUEST", "scene file is a file of actions, which version 0.3"),
+        (
+            ["actions.yaml", *EVENTS],
+            "INVALID_REQUEST",
+            "actions.yaml: scene file is a file of actions, which version 0.3",
+        ),
         (["none.yaml", *EVENTS], "INVALID_REQUEST", "scene file"),
     ],
 )
