@@ -49,7 +49,7 @@ def test_texts_of_objects_are_one_line(prediction):
     scene = prediction.scene
     assert repr(scene) == "<Scene of 2 bodies (left, right) and 0 elements; explicit, dt 0.01 s>"
     assert repr(prediction.initial) == "<Belief with means of 2 and covariances of 2 bodies>"
-    assert repr(prediction) == "<Prediction of 2 bodies (left, right) by monte_carlo until 0.3 s>"
+    assert repr(prediction) == "<Prediction of 2 bodies (left, right) by monte_carlo at 30 times>"
     tracker = Tracker(scene, prediction.initial, members=16)
     assert repr(tracker) == "<Tracker of 2 bodies (left, right) at 0 s>"
     many = Scene([RigidBody(f"ball{k}", BALL, 1.0) for k in range(9)])

@@ -56,7 +56,7 @@ from unc_physics_msgs.msg import (
 )
 from unc_physics_msgs.srv import GetCapabilities, Predict
 
-ROUND_OFF = 1e-9  # of the way to the models' origins and back, grown by contacts
+ROUND_OFF = 1e-5  # of the way to the models' origins and back, grown by contacts of a fall into a bin
 READY = 200.0  # s
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "tutorials" / "ros.md"
 

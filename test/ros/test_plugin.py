@@ -40,5 +40,5 @@ def test_it_is_listed(node, client):
     assert info.cross_body_correlations and not info.parameter_uncertainty
     assert info.description == "Monte Carlo with antithetic samples."
     pairs, seed = info.options
-    assert (pairs.name, pairs.type, pairs.default_value, seed.name) == ("pairs", "int", "100", "seed")
-    assert pairs.description == "number of pairs of samples"
+    assert (pairs.key, seed.key) == ("pairs", "seed")
+    assert pairs.value == "int, default 100: number of pairs of samples"

@@ -18,7 +18,7 @@ from .events import Event, Touches
 from .predicted_body import Origin, PredictedBody, Trajectory
 from .prediction_data import PredictionData
 from .snapshot import ContactTime, Probability
-from .tables import FEW_LINES, as_dict, as_text, preformatted
+from .tables import FEW_LINES, as_dict, as_table, as_text, preformatted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -53,12 +53,14 @@ class Prediction(PredictionData):
     """
 
     def __str__(self) -> str:
+        if not self.snapshots:
+            return as_table(self)
         (statuses,) = judge(replace(self, snapshots=(self.at(),)), ROLLOUTS)
         return as_text(self, statuses, FEW_LINES)
 
     def __repr__(self) -> str:
         bodies = counted_bodies([body.name for body in self.scene.bodies])
-        return f"<Prediction of {bodies} by {self.propagator.name} until {self.time:g} s>"
+        return f"<Prediction of {bodies} by {self.propagator.name} at {len(self.times)} times>"
 
     def _repr_html_(self) -> str:
         return preformatted(str(self))
