@@ -70,7 +70,9 @@ def built_wheel(sources, folder):
 def test_ros2_run_and_launch_find_an_editable_install(tmp_path):
     index = pytest.importorskip("ament_index_python.packages")
     sources, prefix = copy_sources(tmp_path / "sources"), tmp_path / "prefix"
-    options = ["-q", "--no-deps", "--no-build-isolation", "--no-compile", "--prefix", prefix, "-e", "."]
+    # without --ignore-installed pip would remove the package that the tests run in
+    options = ["-q", "--no-deps", "--no-build-isolation", "--no-compile", "--ignore-installed"]
+    options += ["--prefix", prefix, "-e", "."]
     run([sys.executable, "-m", "pip", "install", *options], cwd=sources, env=clean_environment())
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("AMENT_PREFIX_PATH", str(prefix))
