@@ -56,7 +56,7 @@ from unc_physics_msgs.msg import (
 )
 from unc_physics_msgs.srv import GetCapabilities, Predict
 
-ROUND_OFF = 1e-5  # of the way to the origins and back, grown where a sample begins in touch with something
+ROUND_OFF = 1e-9  # of the way to the models' origins and back, until a contact hangs on it
 READY = 200.0  # s
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "tutorials" / "ros.md"
 
@@ -82,7 +82,7 @@ def scene_twice():
     rng, bodies, objects, mean, blocks = np.random.default_rng(1), [], [], [], []
     for name, model, place, scale in (
         ("box", "salt_box", (0, 0, 0.3), 1.0),
-        ("mug", "mug", (0.05, 0, 0.5), 1.2),
+        ("mug", "mug", (0.05, 0, 0.8), 1.2),
     ):
         packing = load_model(model).prefix(60).scaled(scale)
         turn, v, w = Rotation.from_rotvec(rng.normal(size=3)), rng.normal(size=3), rng.normal(size=3)
@@ -135,11 +135,11 @@ def test_an_answer_has_the_library_s_poses_and_covariances(asked, name, options)
     scene, belief, objects, tilted, physics = scene_twice()
     request = prediction_request(
         objects,
-        0.05,
+        0.25,
         tilted,
         physics=physics,
         propagator=name,
-        times=[0.02],
+        times=[0.1],
         return_covariance=True,
         return_probabilities=True,
         **options,
@@ -149,23 +149,23 @@ def test_an_answer_has_the_library_s_poses_and_covariances(asked, name, options)
         scene,
         belief,
         make_propagator(name, **options),
-        0.05,
-        times=[0.02],
+        0.25,
+        times=[0.1],
         events=[*encounters(scene), *object_events(moving_names(scene))],
     )
     assert (found.propagator, found.rollouts) == (name, 300 if options else len(expected.at().points))
     for body, (poses, covariances) in poses_of(found).items():
         (own,) = [one for one in found.objects if one.id == body]
-        for k, time in enumerate((0.02, 0.05)):
+        for k, time in enumerate((0.1, 0.25)):
             wanted = expected.body(body, time=time, origin="model")
             np.testing.assert_allclose(poses[k, :3], wanted.position, atol=ROUND_OFF)
             np.testing.assert_allclose(poses[k, 3:], wanted.orientation, atol=ROUND_OFF)
-            np.testing.assert_allclose(covariances[k], wanted.covariance("ros"), rtol=1e-3, atol=ROUND_OFF)
+            np.testing.assert_allclose(covariances[k], wanted.covariance("ros"), atol=ROUND_OFF)
             T = np.eye(12)  # from rotations about the body's axes to those of the frame
             T[6:9, 6:9] = Rotation.from_quat(poses[k, 3:]).as_matrix()
             C = T @ wanted.covariance("error_state") @ T.T
             P = np.reshape(own.states[k].covariance, (12, 12))
-            np.testing.assert_allclose(P, C, rtol=1e-3, atol=ROUND_OFF)
+            np.testing.assert_allclose(P, C, atol=ROUND_OFF)
     (upright,) = (one for one in found.events if (one.kind, one.object) == (Event.UPRIGHT, "mug"))
     wanted = expected.probability(Upright("mug"))
     assert (upright.probability, upright.low, upright.high) == pytest.approx(
