@@ -98,12 +98,14 @@ def node_in_this_process(
         running.add_node(each)
     thread = threading.Thread(target=spin, args=[running], daemon=True)
     thread.start()
-    wait_until(lambda: node.server.is_open and node.server.deferred_answers.supported, READY_TIMEOUT)
-    yield node
-    node.destroy_node()
-    running.shutdown()
-    context.try_shutdown()
-    thread.join(5.0)
+    try:
+        wait_until(lambda: node.server.is_open and node.server.deferred_answers.supported, READY_TIMEOUT)
+        yield node
+    finally:
+        node.destroy_node()
+        running.shutdown()
+        context.try_shutdown()
+        thread.join(5.0)
 
 
 class Client:

@@ -29,8 +29,8 @@ from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.physics.everyday import rollouts
-from unc_physics.ros import server
-from unc_physics_msgs.srv import Predict
+from unc_physics.ros import server, services
+from unc_physics_msgs.srv import GetCapabilities, Predict
 
 LAUNCH = Path(__file__).resolve().parents[2] / "launch"
 AHEAD = 0.05  # s, of a scene's stamp before the newest transform's
@@ -156,6 +156,22 @@ def test_a_request_waits_for_kernels_within_its_time(robot, client, monkeypatch)
     result = client.predict(hurried, node="robot_1/unc_physics").result
     assert result.error_code == ErrorCode.NOT_READY and "still compiles kernel" in result.error_msg
     assert_answered(client.predict(good_request(), node="robot_1/unc_physics"))
+
+
+def test_the_answer_of_another_node_says_nothing_of_deferred_answers(robot, client):
+    answered = []
+
+    def answer(_, response):
+        answered.append(response)
+        return response
+
+    other = client.node.create_service(GetCapabilities, "/other/get_capabilities", answer)
+    check = services.DeferredAnswerCheck(robot.server, GetCapabilities, "/other/get_capabilities")
+    wait_until(lambda: len(answered) > 1)
+    assert check.supported is None
+    check.reached = True  # and nothing passed through `send_response`
+    wait_until(lambda: check.supported is False)
+    client.node.destroy_service(other)
 
 
 def test_where_rclpy_does_not_defer_answers_the_callback_answers(robot, client):
