@@ -9,7 +9,8 @@ from geometry_msgs.msg import Pose, PoseWithCovariance, Vector3
 from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
-from unc_physics.checks.errors import InvalidEnvironmentError, InvalidModelError
+from unc_physics import assess_stability
+from unc_physics.checks.errors import InvalidEnvironmentError, InvalidModelError, NotReadyError
 from unc_physics.ros.association import Place, assign
 from unc_physics.ros.detected import detected_object, read_detections
 from unc_physics.ros.models import ModelLibrary
@@ -337,3 +338,32 @@ def test_an_object_that_turns_on_the_spot_gives_one_hint(tracks):
     assert k == 6 and "'can 0'" in hint and "symmetric_models: ['can:z']" in hint  # at 1.8 rad
     assert not hints(lambda t: still)  # once
     assert "mug:z" in hints(lambda t: still, "mug")[0][1]
+
+
+def stability(tracks):
+    """What is said of the stability of the can for each possible motion."""
+    fork = tracks.tracks.fork()
+    fork.arrive()
+    return [assess_stability(scene, belief, "can 0") for scene, belief in fork.motions("can 0")]
+
+
+def test_an_object_that_may_stand_is_stable_before_the_tracker_knows_that_it_rests(tracks):
+    tracks.see(0.0, (0, 0, 0), named=True)
+    with pytest.raises(NotReadyError, match="^object moves in a way .* STARTING"):
+        stability(tracks)
+    of_motion = []  # the other end of the interval, as long as little is known
+    for k in range(1, 9):
+        tracks.see(0.1 * k, (0, 0, 0), named=True)
+        standing, *others = stability(tracks)
+        assert standing.probability == 1.0 and standing.supports == ("floor",)
+        of_motion += [own.probability for own in others]
+        resting = tracks.known()["can 0"].status == TrackedObject.STATUS_RESTING
+        assert resting == (not others)
+    assert resting and of_motion[0] < 0.9 and of_motion[-1] > 0.9
+
+
+def test_an_object_that_surely_moves_is_not_taken_as_one_that_stands(tracks):
+    for k in range(4):  # it slides and would stop after 6 cm
+        tracks.see(k / 30, (0.7 * k / 30, 0, 0), named=True)
+    (only,) = stability(tracks)
+    assert only.probability == 0.0

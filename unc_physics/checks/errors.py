@@ -211,7 +211,7 @@ class InternalError(UncPhysicsError):
 
 
 class NotReadyError(UncPhysicsError):
-    """A request that would wait for kernels that are still to be compiled."""
+    """A request whose kernels are not compiled yet, or whose tracked object physics does not explain yet."""
 
     code = ErrorCode.NOT_READY
 

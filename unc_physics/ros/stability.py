@@ -26,28 +26,31 @@ class StabilityService(BackgroundService):
     def _assess(self, request, response):
         started = time.perf_counter()
         with self._server.errors_into(response.result):
-            scene, belief = self._read(request)
             given = {
                 "duration": read_duration(request.duration, "duration"),
                 "distance": request.distance,
                 "angle": request.angle,
                 "confidence": request.confidence,
             }
+            given = {name: value for name, value in given.items() if value}
             try:
-                found = assess_stability(
-                    scene, belief, request.object, **{name: value for name, value in given.items() if value}
+                found, *others = (
+                    assess_stability(scene, belief, request.object, **given)
+                    for scene, belief in self._motions(request)
                 )
             except UncPhysicsError as error:
                 raise error.at("object" if error.field == "body" else error.field or "scene") from None
-            response.probability, response.low, response.high = found.probability, found.low, found.high
+            response.probability = found.probability
+            response.low = min(one.low for one in (found, *others))
+            response.high = max(one.high for one in (found, *others))
             response.supports = list(found.supports)
             if found.distance_margin is not None and found.angle_margin is not None:
                 response.has_margin = True
                 response.distance_margin, response.angle_margin = found.distance_margin, found.angle_margin
         response.computation_time = duration(time.perf_counter() - started)
 
-    def _read(self, request):
-        """Return the scene and the belief of a request, or of the tracker."""
+    def _motions(self, request):
+        """Return the scene and the belief of a request, or those of the tracker for each possible motion."""
         if request.scene.objects:
             asked = PredictionRequest(
                 scene=request.scene,
@@ -57,9 +60,9 @@ class StabilityService(BackgroundService):
                 samples=1,
             )
             job = self._server.read(asked)
-            return job.scene, job.belief
+            return [(job.scene, job.belief)]
         if self._server.tracking is None:
             raise InvalidRequestError(
                 "must have objects, as the node tracks none (parameter track)", field="scene"
             )
-        return self._server.tracking.present()
+        return self._server.tracking.motions(request.object)

@@ -377,19 +377,13 @@ class Tracking:
             response.scene, response.actions = present.scene_message()
             response.scene.header = response.prediction.header
 
-    def present(self) -> tuple[Scene, Belief]:
-        """Return the scene and the belief of the tracker's present time.
-
-        Raises
-        ------
-        InvalidRequestError
-            If nothing is tracked.
-        """
+    def motions(self, name: str) -> list[tuple[Scene, Belief]]:
+        """Return the scene and the belief of the present time for each possible motion (`Tracks.motions`)."""
         with self._lock:
             present = self._tracks.fork()
         with self._limited(self._server.settings.max_computation_time):
             present.arrive()
-        return present.scene, present.belief
+        return present.motions(name)
 
     def _reset(self, request, response):
         with self._server.errors_into(response.result):

@@ -16,10 +16,12 @@ from ..checks.errors import (
     DuplicateIdError,
     InvalidRequestError,
     LimitExceededError,
+    NotReadyError,
     NotSupportedError,
     UncPhysicsError,
 )
 from ..checks.names import hint
+from ..prediction.events import REST_ANGULAR_SPEED, REST_SPEED
 from ..prediction.prediction import Prediction
 from ..prediction.regions import BoxRegion
 from ..propagators.names import REFERENCE
@@ -30,8 +32,18 @@ from ..scene.body_belief import BodyBelief
 from ..scene.marks import Mark
 from ..scene.origins import gaussian_at_origins
 from ..scene.scene import Scene
-from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
+from ..spatial.layout import (
+    ANGULAR_VELOCITY,
+    ERR_ANGULAR_VELOCITY,
+    ERR_VELOCITY,
+    ERROR,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from ..tracking.ensemble import Gates
 from ..tracking.measurements import PoseMeasurement
+from ..tracking.report import TrackStatus
 from ..tracking.symmetry import AxialSymmetry, turned_about
 from ..tracking.tracker import Tracker
 from .association import OF_POSITION, ObservationMemory, Place, assign
@@ -55,6 +67,7 @@ from .parameters import AXES, Settings
 _LONGEST_GAP = 60.0
 _MEMBERS = 64  # rollouts of the tracker
 _SEED = 1
+_MOVING = TrackStatus.TRACKED, TrackStatus.COASTING  # with physics
 
 
 class PrescribedObject(NamedTuple):
@@ -398,10 +411,33 @@ class Tracks:
             )
         return self._tracker.scene
 
-    @property
-    def belief(self) -> Belief:
-        """Belief about the scene of a fork."""
-        return self._tracker.belief()
+    def motions(self, name: str) -> list[tuple[Scene, Belief]]:
+        """Return the scene and the belief of a fork for each motion that is possible.
+
+        These are the motion that is believed, and, where velocities are zero within their spread, rest. Rest
+        is the likely one of both, and comes first: a Gaussian gives it no weight of its own.
+
+        Raises
+        ------
+        InvalidRequestError
+            If nothing is tracked.
+        NotReadyError
+            If nothing is known yet about how the object with the ``name`` moves by itself.
+        """
+        scene, belief, tracker = self.scene, self._tracker.belief(), self._tracker
+        if name in self._states and (status := tracker.status(name)) not in (*_MOVING, TrackStatus.RESTING):
+            reason = "moves in a way that physics does not explain yet; ask again"
+            raise NotReadyError(f"{reason} (its status is {status.name})", field="object", value=name)
+        supposed = [
+            b
+            for b in scene.moving.tolist()
+            if tracker.status(scene.bodies[b].name) in _MOVING and _may_rest(belief, b)
+        ]
+        if not supposed:
+            return [(scene, belief)]
+        mean = belief.mean.copy()
+        mean[supposed, VELOCITY] = mean[supposed, ANGULAR_VELOCITY] = 0.0
+        return [(scene, Belief.trusted(mean, belief.covariance, belief.moving)), (scene, belief)]
 
     def scene_message(self) -> tuple[SceneMessage, list[Action]]:
         """Return the scene of a fork with its belief, and the paths from its time on."""
@@ -724,6 +760,15 @@ def _symmetry(model, settings):
     """Return the symmetry of a model; None if it has none."""
     axis = settings.symmetries.get(model)
     return None if axis is None else AxialSymmetry(np.eye(3)[AXES.index(axis)])
+
+
+def _may_rest(belief, b):
+    """Return whether the tracker would accept a measurement of body b that it is at rest."""
+    velocities = np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]
+    u = np.concatenate([belief.mean[b, VELOCITY], belief.mean[b, ANGULAR_VELOCITY]])
+    rest = np.repeat([REST_SPEED**2, REST_ANGULAR_SPEED**2], 3) / Gates().soft
+    S = belief.marginal(b)[np.ix_(velocities, velocities)] + np.diag(rest)
+    return u @ np.linalg.solve(S, u) < Gates().soft
 
 
 def _first_pose(body):
