@@ -22,7 +22,8 @@ from unc_physics import (
 )
 from unc_physics.checks.errors import DivergedError, NotSupportedError
 from unc_physics.physics import contact_history as histories
-from unc_physics.physics.everyday.columns import BODY_A, BODY_B
+from unc_physics.physics.everyday import rollouts
+from unc_physics.physics.everyday.columns import BODY_A, BODY_B, CONTACTS, SEARCHES
 
 
 def carry_after(scene, belief, propagator, steps):
@@ -67,6 +68,49 @@ def test_rollouts_depend_neither_on_order_nor_number(pile):
     )
     mixed = propagator.advance(mixed, scene, 120)
     assert np.array_equal(mixed.states, carry.states[order])
+
+
+def counted(monkeypatch):
+    """Return a list to which each call of the kernel adds what it counts."""
+    counts, kernel = [], rollouts.advance
+
+    def count(*arguments):
+        answer = kernel(*arguments)
+        counts.append(arguments[-1])
+        return answer
+
+    monkeypatch.setattr(rollouts, "advance", count)
+    return counts
+
+
+def test_more_contacts_than_there_is_room_for_change_nothing_and_repeat_one_rollout(pile, monkeypatch):
+    scene, belief = pile
+    propagator = make_propagator("monte_carlo", samples=8)
+    carry = carry_after(scene, belief, propagator, 120)
+    begin, counts = propagator.init(scene, belief), counted(monkeypatch)
+    propagator.advance(begin, scene, 120)
+    once = sum(counts)[CONTACTS]
+    counts.clear()
+    monkeypatch.setattr(rollouts, "FIRST_ROOM", 0)
+    few = propagator.advance(begin, scene, 120)
+    assert np.array_equal(few.states, carry.states)
+    solver, other = few.contact_history.solver, carry.contact_history.solver
+    assert np.array_equal(solver.count, other.count) and solver.count.max() > 8
+    most = solver.count.max()
+    assert np.array_equal(solver.contact[:, :most], other.contact[:, :most])
+    assert len(counts) > 1 and sum(counts)[CONTACTS] < 1.5 * once
+
+
+def test_long_steps_of_a_fast_pile_search_little_more_than_short_ones(monkeypatch):
+    names, searches = ("plate", "bowl", "mug", "can", "bottle"), {}
+    for rate in (60, 120):
+        scene = world(*(RigidBody(name, load_model(name)) for name in names), dt=1 / rate)
+        states = {name: {"position": (0.01 * k, 0.0, 1.0 + 0.15 * k)} for k, name in enumerate(names)}
+        counts = counted(monkeypatch)
+        predict(scene, belief_of(scene, **states), make_propagator("monte_carlo", samples=1), 0.8)
+        searches[rate] = sum(counts)[SEARCHES]
+        monkeypatch.undo()
+    assert 0 < searches[60] < 2.0 * searches[120]
 
 
 # -- contacts ----------------------------------------------------------------------------------------

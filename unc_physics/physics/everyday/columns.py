@@ -99,7 +99,8 @@ LIST = 6
 N_GAP, N_A, N_B, N_NORMAL, N_P, N_Q = 0, 1, 2, 3, 6, 9  # gap, pieces, normal, nearest points
 N_HOW = 12  # first whether in contact the step before; then where the normal is from: see below
 N_ENTRY, N_REACH = 13, 14  # row in the list (later whether it stands for its normal), gap that matters now
-NEARS = 15
+N_ORDER = 15  # scratch of sorting
+NEARS = 16
 OWN, FACES, OTHERS = 0.0, 1.0, 2.0  # nearest points; faces, whose contacts are written; another pair's normal
 
 # ---- groups of bodies that touch, rows of an array of integers

@@ -215,6 +215,15 @@ def _mean(materials, quantity, i, j, pair):
 
 
 @inner
+def most_elastic(materials):
+    """Return the highest coefficient of restitution."""
+    most = 0.0
+    for k in range(materials.shape[1]):
+        most = max(most, materials[RESTITUTION, k])
+    return most
+
+
+@inner
 def _is_round(pieces, p):
     """Return whether a piece rolls: flat ones tip over their edges."""
     return pieces[p, KIND] == LATHE or pieces[p, ROUNDING] > 0.0
@@ -374,10 +383,10 @@ def _without_ghosts(first, n, Y, solids, C):
 
 
 @inner(noinline=True)
-def find(bodies, dt, before, Y, solids, C, old, search, count):
+def find(bodies, dt, before, restitution, Y, solids, C, old, search, count):
     """Write the rows of all contacts that may act within dt; return their number, or `FULL`.
 
-    ``old`` has the rows of the step ``before``.
+    ``old`` has the rows of the step ``before``; ``restitution`` is the highest one.
     """
     order, pairs = search.order, search.pairs
     for k in range(before):
@@ -386,7 +395,7 @@ def find(bodies, dt, before, Y, solids, C, old, search, count):
         place(i, Y, solids)
     most = reaches(bodies, dt, Y)
     fixed = line_up(bodies, order, Y)
-    most = shoves(bodies, dt, most, order, Y)
+    most = shoves(bodies, dt, most, order, restitution, Y)
     n = 0
     for i in range(bodies):
         b, first = order[0, i], n

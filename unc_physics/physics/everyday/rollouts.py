@@ -309,10 +309,10 @@ def _copy(values, out):
 
 @kernel
 def advance(states, first_time, memory, world, variation, place_in, begin, stops, result, count):
-    """Advance N rollouts and record them at stops; return the most contacts that one of them remembers.
+    """Advance N rollouts and record them at stops; return how many, and the most contacts of one.
 
-    If that is more than the result has room for, the result is invalid. ``place_in`` is the number of the
-    first rollout in the variation.
+    It ends before the first rollout that has more contacts than there is room for in the result.
+    ``place_in`` is the number of the first rollout in the variation.
     """
     B, most, room = world.count, 0, result.contact.shape[2]
     work = arrays_to_work(
@@ -350,7 +350,7 @@ def advance(states, first_time, memory, world, variation, place_in, begin, stops
                 if done == stops.steps[t]:
                     most, kept = max(most, contacts), contacts
                     if most > room:
-                        return most
+                        return n, most
                     _save(contacts, kept_x, kept_rows, kept_quiet, world, work)
                     _copy(kept_first, first)
                     _copy(squeezed, kept_squeezed)
@@ -368,10 +368,10 @@ def advance(states, first_time, memory, world, variation, place_in, begin, stops
                     now, part = then, part + 1
                 done += 1
                 if world.stop[0] != 0:
-                    return most
+                    return len(states), most
             most = max(most, contacts)
             if most > room:
-                return most
+                return n, most
             _save(contacts, result.states[t, n], result.contact[t, n], result.quiet[t, n], world, work)
             _copy(squeezed, result.squeezed[t, n])
             result.count[t, n] = contacts
@@ -381,7 +381,7 @@ def advance(states, first_time, memory, world, variation, place_in, begin, stops
                 _load(kept_x, kept_rows, contacts, kept_quiet, m, world, variation, own, work)
             else:
                 _copy(kept_first, first)
-    return most
+    return len(states), most
 
 
 def recorded(states, first_time, memory, world, variation, begin, stops):
@@ -408,26 +408,29 @@ def recorded(states, first_time, memory, world, variation, begin, stops):
     found = {}
 
     def run(some):
-        room = max(memory.contact.shape[1], FIRST_ROOM * states.shape[1])
-        own = ContactMemory(*(values[some] for values in memory))
+        room = FIRST_ROOM * states.shape[1] + 64 // max(len(states), 1)  # one alone would be repeated whole
+        room = max(room, memory.contact.shape[1])
+        first = some.start
         while True:
+            some = slice(first, some.stop)
             result = _empty_result(states[some], first_time[some], len(stops.steps), room)
-            needed = advance(
+            done, most = advance(
                 states[some],
                 first_time[some],
-                own,
+                ContactMemory(*(values[some] for values in memory)),
                 world,
                 variation,
-                some.start,
+                first,
                 begin,
                 stops,
                 result,
                 np.zeros(COUNTS, np.int64),
             )
-            if needed <= room:
+            found[first] = _Result(*(values[:, :done] for values in result))
+            found[first] = found[first]._replace(contact=found[first].contact[:, :, : max(most, 1)].copy())
+            first, room = first + done, max(room, 2 * most)
+            if first >= some.stop:
                 break
-            room = 2 * needed
-        found[some.start] = result._replace(contact=result.contact[:, :, : max(needed, 1)].copy())
 
     each = max(states.shape[1] * (int(stops.steps[-1]) + len(stops.steps)), 1)
     if len(states) * each <= _FEW_STEPS:

@@ -66,6 +66,7 @@ from .columns import (
     N_GAP,
     N_HOW,
     N_NORMAL,
+    N_ORDER,
     N_P,
     N_Q,
     N_REACH,
@@ -309,22 +310,43 @@ def _candidates(a, b, far, dt, slack, Y, solids, old, first, had, search, count)
 
 
 @inner
-def _listed_before(near, i, k):
-    """Return whether row i has smaller numbers of pieces than row k."""
-    return near[i, N_A] < near[k, N_A] or (near[i, N_A] == near[k, N_A] and near[i, N_B] < near[k, N_B])
+def _later(near, i, k):
+    """Return whether row i comes after row k: by gaps, and equal ones by pieces."""
+    for x in (N_GAP, N_A, N_B):
+        if near[i, x] != near[k, x]:
+            return near[i, x] > near[k, x]
+    return False
+
+
+@inner
+def _sink(near, i, m):
+    """Let entry i of a heap of m rows, which column N_ORDER lists, sink to where it belongs."""
+    while 2 * i + 1 < m:
+        k = 2 * i + 1
+        if k + 1 < m and _later(near, int(near[k + 1, N_ORDER]), int(near[k, N_ORDER])):
+            k += 1
+        if not _later(near, int(near[k, N_ORDER]), int(near[i, N_ORDER])):
+            return
+        near[i, N_ORDER], near[k, N_ORDER] = near[k, N_ORDER], near[i, N_ORDER]
+        i = k
 
 
 @inner(noinline=True)
 def _sort(near, m):
     """Order pairs of pieces by their gaps; equal ones by pieces."""
     for c in range(m):
-        least = c
-        for k in range(c + 1, m):
-            d = near[k, N_GAP] - near[least, N_GAP]
-            if d < 0.0 or (d == 0.0 and _listed_before(near, k, least)):
-                least = k
-        for x in range(NEARS if least > c else 0):
-            near[c, x], near[least, x] = near[least, x], near[c, x]
+        near[c, N_ORDER] = c
+    for c in range(m // 2 - 1, -1, -1):
+        _sink(near, c, m)
+    for c in range(m - 1, 0, -1):
+        near[0, N_ORDER], near[c, N_ORDER] = near[c, N_ORDER], near[0, N_ORDER]
+        _sink(near, 0, c)
+    for c in range(m):
+        k = int(near[c, N_ORDER])
+        while k < c:  # swapped away
+            k = int(near[k, N_ORDER])
+        for x in range(N_ORDER if k > c else 0):
+            near[c, x], near[k, x] = near[k, x], near[c, x]
 
 
 @inner
@@ -594,10 +616,11 @@ def reaches(bodies, dt, Y):
 
 
 @inner
-def _shove(i, j, dt, Y):
+def _shove(i, j, dt, restitution, Y):
     """Bound what body j gets where body i comes to it within dt; return its reach then, or 0.
 
-    Only what takes it farther than its radius within dt: less puts no body through a wall.
+    The bound is that of a central impact with the highest restitution of the scene. Only what takes it
+    farther than its radius within dt: less puts no body through a wall.
     """
     if Y[j, IMASS] == 0.0:
         return 0.0
@@ -605,7 +628,7 @@ def _shove(i, j, dt, Y):
     w = three(Y, i, SPIN)
     pace = math.sqrt(dot(u, u)) + Y[i, RADIUS] * math.sqrt(dot(w, w)) + Y[i, SHOVE]
     r = Y[i, RADIUS] + Y[j, RADIUS] + dt * pace
-    speed = 2.0 * pace * Y[j, IMASS] / (Y[i, IMASS] + Y[j, IMASS])
+    speed = (1.0 + restitution) * pace * Y[j, IMASS] / (Y[i, IMASS] + Y[j, IMASS])
     if dt * speed < Y[j, RADIUS] or speed <= Y[j, SHOVE] or dot(d, d) > r * r:
         return 0.0
     Y[j, REACH] += dt * (speed - Y[j, SHOVE])
@@ -614,7 +637,7 @@ def _shove(i, j, dt, Y):
 
 
 @inner(noinline=True)
-def shoves(bodies, dt, most, order, Y):
+def shoves(bodies, dt, most, order, restitution, Y):
     """Add to reaches what bodies may get from others that come to them within dt; return the most reach.
 
     Bodies are looked at along x and back, so that a row of them hands a shove on.
@@ -633,7 +656,7 @@ def shoves(bodies, dt, most, order, Y):
                 low, high = (a, b) if way == 0 else (b, a)
                 if Y[high, CENTRE] - Y[high, RADIUS] > Y[low, CENTRE] + Y[low, RADIUS] + 2.0 * most:
                     break
-                most = max(most, _shove(a, b, dt, Y), _shove(b, a, dt, Y))
+                most = max(most, _shove(a, b, dt, restitution, Y), _shove(b, a, dt, restitution, Y))
     return most
 
 

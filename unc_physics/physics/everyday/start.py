@@ -199,7 +199,7 @@ def _load(x, metric, world, work, surge):
 def _separate_one(n, x, nominal, metric, world, look_only, outcome, work, rows):
     """Move one state; return whether there was room."""
     _load(x, metric, world, work, 0.0)
-    found = find(world.count, 1.0, 0, work.Y, work.solids, work.found, work.C, work.search, work.count)
+    found = find(world.count, 1.0, 0, 0.0, work.Y, work.solids, work.found, work.C, work.search, work.count)
     if found == FULL:
         return False
     deep = _note(n, found, work.found, world, outcome.overlap, outcome.partner, outcome.first_time)
@@ -283,7 +283,7 @@ def _approach(x, metric, world, work, rows):
             _aim(i, times(wanted, v), times(wanted, w), Y, rows)
             if not metric.moves[i]:
                 Y[i, DRIVEN], Y[i, REACH] = (1.0, min(way, STRIDE) + DRIFT) if way > 0.0 else (0.0, 0.0)
-        found = find(world.count, 1.0, before, Y, work.solids, C, old, search, work.count)
+        found = find(world.count, 1.0, before, 0.0, Y, work.solids, C, old, search, work.count)
         if found == FULL:
             return FULL, swapped
         forget(before, old, search)
@@ -311,7 +311,7 @@ def _lower_one(x, down, metric, world, work, rows):
             own = drop if metric.moves[i] else 0.0
             write(Y, i, ACCEL, (down[0], down[1], down[2]))
             _aim(i, (own * down[0], own * down[1], own * down[2]), (0.0, 0.0, 0.0), Y, rows)
-        found = find(world.count, 1.0, before, Y, work.solids, C, old, work.search, work.count)
+        found = find(world.count, 1.0, before, 0.0, Y, work.solids, C, old, work.search, work.count)
         if found == FULL:
             return FULL
         forget(before, old, work.search)

@@ -67,7 +67,7 @@ from .columns import (
     WAY,
     WENT,
 )
-from .contacts import approach, complete, find, forget, note, remember, spread
+from .contacts import approach, complete, find, forget, most_elastic, note, remember, spread
 from .direct import solve_directly
 from .drives import accelerate, begin_drives, drive, end_drives, plan_forces
 from .groups import group_contacts, members_of
@@ -135,7 +135,8 @@ def take_step(before, bodies, begin, end, actions, own, work):
         return before
     begin_drives(begin, end, Y, actions, own, work.states)
     plan_forces(bodies, begin, end, Y, own.par, actions)
-    n = find(bodies, end - begin, before, Y, solids, work.found, C, work.search, work.count)
+    dt, e = end - begin, most_elastic(own.materials)
+    n = find(bodies, dt, before, e, Y, solids, work.found, C, work.search, work.count)
     if n == FULL:
         return FULL
     work.count[CONTACTS] += n
