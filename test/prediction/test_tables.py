@@ -48,8 +48,14 @@ def test_a_prediction_prints_as_a_table(prediction):
 def test_texts_of_objects_are_one_line(prediction):
     scene = prediction.scene
     assert repr(scene) == "<Scene of 2 bodies (left, right) and 0 elements; explicit, dt 0.01 s>"
+    shown = repr(scene.bodies[0])
+    assert shown.startswith("RigidBody(name='left', model=") and "friction" not in shown
+    assert repr(Box(size=(1, 2, 3), friction=0.2)).startswith("Box(friction=0.2, ") and "std" not in shown
     assert repr(prediction.initial) == "<Belief with means of 2 and covariances of 2 bodies>"
     assert repr(prediction) == "<Prediction of 2 bodies (left, right) by monte_carlo at 30 times>"
+    of_left = prediction["left"]
+    assert repr(of_left.status()).startswith(f"<BodyStatus 'left': {of_left.status().flags}")
+    assert repr(of_left.modes[0]).startswith("<Mode of probability 1.000, position [")
     tracker = Tracker(scene, prediction.initial, members=16)
     assert repr(tracker) == "<Tracker of 2 bodies (left, right) at 0 s>"
     many = Scene([RigidBody(f"ball{k}", BALL, 1.0) for k in range(9)])

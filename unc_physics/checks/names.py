@@ -6,6 +6,7 @@ import difflib
 import functools
 import inspect
 from collections.abc import Callable, Iterable
+from dataclasses import fields
 from typing import Any, TypeVar
 
 from .errors import InvalidRequestError
@@ -71,9 +72,30 @@ def one_of(name: object, known: Iterable[str]) -> str:
 
 
 def with_named_arguments(cls: Class) -> Class:
-    """Decorate a dataclass so that an unknown keyword is refused with the known one that is meant."""
+    """Decorate a dataclass so that an unknown keyword is refused with the known one that is meant.
+
+    Its ``repr`` shows the fields that differ from their defaults, unless the class has its own.
+    """
     cls.__init__ = with_known_keywords(cls.__init__, lambda self: type(self).__name__)
+    if cls.__repr__ is object.__repr__:
+        cls.__repr__ = _given_fields  # pyright: ignore[reportAttributeAccessIssue]
     return cls
+
+
+def _given_fields(self) -> str:
+    shown = []
+    for field in fields(self):
+        value = getattr(self, field.name)
+        if hasattr(value, "tolist"):
+            if field.default is not None and (value == field.default).all():
+                continue
+            text = str(value.tolist()) if value.ndim < 2 else f"{value.shape} array"
+        elif value == field.default:
+            continue
+        else:
+            text = repr(value)
+        shown.append(f"{field.name}={text}")
+    return f"{type(self).__name__}({', '.join(shown)})"
 
 
 def with_known_keywords(function: Function, name_of: Callable[..., str] | None = None) -> Function:

@@ -20,7 +20,7 @@ class Status(IntFlag):
         return " ".join(flag.name or "" for flag in self) or "FINE"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BodyStatus:
     """Flags of one body's prediction with their measures and reasons.
 
@@ -42,6 +42,9 @@ class BodyStatus:
     measures: dict[str, float]
     reasons: tuple[str, ...]
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<BodyStatus '{self.body}': {'; '.join((str(self.flags), *self.reasons))}>"
 
     @property
     def message(self) -> str:

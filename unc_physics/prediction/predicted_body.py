@@ -71,7 +71,8 @@ class PredictedBody:
         self.fixed, self.prescribed = body.fixed, body.trajectory is not None
 
     def __repr__(self):
-        return f"<PredictedBody '{self.name}' at {self.time:g} s, position {self.position.tolist()} m>"
+        position = np.round(self.position, 4).tolist()
+        return f"<PredictedBody '{self.name}' at {self.time:g} s, position {position} m>"
 
     @property
     def position(self) -> np.ndarray:

@@ -32,7 +32,7 @@ _PLACE = [(name, np.int64) for name in ("action", "time", "sample", "body", "par
 CONTACTS = np.dtype(_PLACE + [(name, CONTACT[name]) for name in ("point", "normal", "gap", "impulse")])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RolloutStates:
     """Simulated rollouts of N samples at T times, of B bodies and E elements of the environment.
 
@@ -60,6 +60,11 @@ class RolloutStates:
     restitution: np.ndarray
     contacts: np.ndarray | None
     seed: int
+
+    def __repr__(self) -> str:
+        samples, times, bodies = self.states.shape[-4:-1]
+        actions = f", {len(self.states)} actions" if self.states.ndim > 4 else ""
+        return f"<RolloutStates of {samples} samples at {times} times, {bodies} bodies{actions}>"
 
 
 def rollouts(

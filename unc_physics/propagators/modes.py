@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..scene.belief import Belief
-from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, VELOCITY
+from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, POSITION, VELOCITY
 from ..spatial.moments import boxminus, mean_and_errors, second_moment
 
 _MOST = 5  # modes
@@ -51,6 +51,11 @@ class Mode(NamedTuple):
     weight: float
     mean: np.ndarray
     covariance: np.ndarray
+
+    def __repr__(self):
+        return (
+            f"<Mode of probability {self.weight:.3f}, position {np.round(self.mean[POSITION], 4).tolist()} m>"
+        )
 
 
 def only_mode(belief: Belief, body: int) -> Mode:

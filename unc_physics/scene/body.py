@@ -51,7 +51,7 @@ def valid_mass(mass: float, field: str) -> float:
 
 
 @with_named_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RigidBody(Surface):
     """Rigid body with a sphere-packed shape and a mass; its friction and restitution are fields of `Surface`.
 

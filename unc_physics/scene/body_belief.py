@@ -44,7 +44,7 @@ _STD_LIMIT, _FULL_TURN = 1e150, 2.0 * math.pi
 
 
 @with_named_arguments
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class BodyBelief:
     """Belief about one body at time 0; the fields are keys of scene files.
 

@@ -84,7 +84,7 @@ class ElementAttributes:
     size_row: np.ndarray
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Element(ElementAttributes, Surface):
     """Base class of all elements of the environment.
 
@@ -224,7 +224,7 @@ def quantities(kind: type[Element]) -> dict[str, Quantity]:
 
 
 @with_named_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plane(Element):
     """A half-space: floor, table top, wall.
 
@@ -267,7 +267,7 @@ class Plane(Element):
 
 
 @with_named_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Box(Element):
     """A solid box: wall, shelf, bottom of a bin.
 
@@ -295,7 +295,7 @@ class Box(Element):
 
 
 @with_named_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sphere(Element):
     """A solid ball.
 
@@ -321,7 +321,7 @@ class Sphere(Element):
 
 
 @with_named_arguments
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class _AlongAxis(Element):
     """Element that is round about its z axis, with a straight part of ``length`` along it."""
 

@@ -50,7 +50,7 @@ class Materials(NamedTuple):
     restitution: np.ndarray  # (B + E,) float64: coefficient of restitution, from 0, no rebound, to 1, elastic
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Surface:
     """Contact properties of a body or of an element of the environment.
 
