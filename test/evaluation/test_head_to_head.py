@@ -31,7 +31,10 @@ def test_errors_are_those_of_monte_carlo_in_both_engines(tmp_path, monkeypatch):
 
 
 def test_ratios_follow_from_times_and_errors():
-    """MuJoCo takes 1 ms a rollout: 100 ms for the mean, 84 ms for a probability of 0.3."""
+    """MuJoCo takes 1 ms a rollout: 100 ms for the mean, 84 ms for a probability of 0.3.
+
+    An error of 0.1 lies halfway between 0.2 and 0.05, whose times differ by a factor of 4, in logarithms.
+    """
 
     def rows_of(method, seconds, mean, probability, samples):
         values = {TIME: seconds, MEAN: mean, SPREAD: 0.1, PROBABILITY: probability}
@@ -39,7 +42,7 @@ def test_ratios_follow_from_times_and_errors():
 
     rows = [
         *rows_of("cloud runs=12", 0.01, 0.2, 0.08, 12),
-        *rows_of("cloud runs=32", 0.02, 0.08, 0.06, 32),
+        *rows_of("cloud runs=32", 0.04, 0.05, 0.06, 32),
         *rows_of("auto", 0.042, 0.03, 0.02, 64),
         *rows_of(PLAIN, 0.035, 0.03, float("nan"), 64),
         *(row for size in experiment.SIZES for row in rows_of(LOOP, 0.001 * size, 0.1, 0.1, size)),

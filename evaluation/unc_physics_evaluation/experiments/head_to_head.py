@@ -244,8 +244,19 @@ def curves(rows: Rows) -> dict[str, dict[str, np.ndarray]]:
 
 
 def time_to(curve: dict[str, np.ndarray], quantity: str, goal: float) -> float:
-    """Return the shortest measured time [s] with an error of at most ``goal``; infinite without one."""
-    return float(curve[TIME][curve[quantity] <= goal].min(initial=math.inf))
+    """Return the time [s] at which an error reaches ``goal``; infinite without one.
+
+    Between the measured sizes, which double, logarithms are interpolated.
+    """
+    times, errors = curve[TIME], curve[quantity]
+    reached = np.flatnonzero(errors <= goal)
+    if not len(reached):
+        return math.inf
+    k = reached[0]
+    if k == 0 or not errors[k] > 0.0:
+        return float(times[k])
+    share = math.log(errors[k - 1] / goal) / math.log(errors[k - 1] / errors[k])
+    return float(times[k - 1] * (times[k] / times[k - 1]) ** share)
 
 
 def ratios(rows: Rows) -> tuple[str, str, str]:
