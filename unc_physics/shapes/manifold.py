@@ -156,6 +156,7 @@ def reduce(out, first, last, most, lean, load):
                 d = minus(triple(out[k], POINT), load)
                 t, h = dot(d, along) / length, dot(d, n)
                 value = t - math.sqrt(max(dot(d, d) - h * h - t * t, 0.0))  # far along its way, and near it
+                value -= (out[k, GAP] - least) / _TILT
                 if value > best + _TIE:
                     best, leaves = value, k
         found = leaves
