@@ -40,6 +40,8 @@ GEOMETRY = ["coacd>=1.0.14", "manifold3d>=3", "matplotlib>=3.7", "networkx>=3", 
 DESCRIPTIONS = [*GEOMETRY, "yourdfpy>=0.0.56"]
 # mujoco compiles MJCF
 MJCF = [*DESCRIPTIONS, "mujoco>=3.2"]
+# pyarrow for stores of answers, distributed for clusters of Dask
+MANY = ["distributed>=2024.1", "pyarrow>=14"]
 # viser for the page in the browser
 VIEW = ["viser>=1.1"]
 
@@ -76,10 +78,12 @@ setup(
         "completion": ["argcomplete>=3"],
         "descriptions": DESCRIPTIONS,
         "geometry": GEOMETRY,
+        "many": MANY,
         "mjcf": MJCF,
         "replay": ["mcap-ros2-support>=0.5"],
         "view": VIEW,
         "test": [
+            *MANY,
             *MJCF,
             *VIEW,
             "argcomplete>=3",

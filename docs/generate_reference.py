@@ -51,7 +51,7 @@ TOPICS = {
         "The call that predicts, its answer, and the status of the answer.",
         """predict Prediction PredictedBody Trajectory Snapshot Mode assess assess_all
         BodyStatus Status assess_stability Stability
-        rollouts RolloutStates""",
+        rollouts RolloutStates predict_many Request RequestAnswer""",
     ),
     "events": (
         "Python: events and probabilities",

@@ -23,6 +23,9 @@ from .prediction.events import InRegion as InRegion
 from .prediction.events import Touches as Touches
 from .prediction.events import Upright as Upright
 from .prediction.events import encounters as encounters
+from .prediction.many import Request as Request
+from .prediction.many import RequestAnswer as RequestAnswer
+from .prediction.many import predict_many as predict_many
 from .prediction.predict import predict as predict
 from .prediction.predict import start_belief as start_belief
 from .prediction.predicted_body import PredictedBody as PredictedBody

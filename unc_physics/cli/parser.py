@@ -12,6 +12,7 @@ from .calibrate_command import add_calibrate_command
 from .geometry_commands import add_models_command, add_pack_command, add_show_command
 from .import_command import add_import_command
 from .predict_command import add_predict_command
+from .predict_many_command import add_predict_many_command
 from .propagator_commands import add_propagators_command, add_warm_up_command
 from .rank_command import add_rank_command
 from .schema_command import add_schema_command
@@ -41,6 +42,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"unc_physics {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     add_predict_command(commands)
+    add_predict_many_command(commands)
     add_rank_command(commands)
     add_calibrate_command(commands)
     add_propagators_command(commands)
