@@ -1,6 +1,7 @@
 """Streams in time: a limit on computation, predictions that are too late, and jumps of the clock."""
 
 import sys
+import threading
 import time
 import types
 import typing
@@ -21,7 +22,7 @@ from unc_physics.ros import stream_pace
 from unc_physics.ros.diagnostics import Counts, Problem
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.stream_pace import Pace
-from unc_physics_msgs.msg import Prediction, Scene
+from unc_physics_msgs.msg import Prediction, Scene, TrackedObjects
 
 NODE = "hurried"
 PERIOD = 100_000_000  # ns
@@ -238,6 +239,54 @@ def test_a_tracker_that_starts_anew_is_an_error(client, monkeypatch):
         client.node.destroy_publisher(publisher)
 
 
+@pytest.fixture
+def tracking(tmp_path):
+    """The node in this process with a tracker, and a limit that no prediction keeps."""
+    table = tmp_path / "table.yaml"
+    table.write_text("environment:\n  - plane: {normal: [0, 0, 1], offset: 0.0}\n")
+    values = {"track": True, "observed_objects": ["can"], "warm_up": [""], "environment": str(table)}
+    values |= {"horizons": [0.1], "stream_time_budget": 1e-4, "max_input_age": 0.0, "tracked_rate": 0.01}
+    with node_in_this_process("pursued", **values) as node:
+        yield node
+
+
+def test_tracked_predictions_keep_their_limit_and_come_once_for_what_waits(tracking, client):
+    publisher = client.node.create_publisher(
+        PoseWithCovarianceStamped, "/pursued/observed/can", qos_profile_sensor_data
+    )
+
+    def publish():
+        message = PoseWithCovarianceStamped()
+        message.header.stamp = client.node.get_clock().now().to_msg()
+        publisher.publish(message)
+        return message.header.stamp
+
+    with (
+        Inbox(client, Prediction, "/pursued/predictions") as predictions,
+        Inbox(client, TrackedObjects, "/pursued/tracked") as tracked,
+        Inbox(client, DiagnosticArray, "/diagnostics") as diagnostics,
+    ):
+        tracked.answer(publish)
+        assert predictions.answer(publish, lambda found: found.rollouts < 64).rollouts == 12
+        status, _ = diagnostics.status(
+            "pursued: predictions", lambda values: int(values["late predictions"]) > 1
+        )
+        assert status.level == DiagnosticStatus.WARN and "the stream's limit is 0.0001 s" in status.message
+        last = publish()
+        tracked.answer(lambda: None, lambda found: found.header.stamp == last)
+        worker, go_on, stamps = tracking.server.tracking, threading.Event(), []
+        worker._worker.submit(go_on.wait)  # the tracker is busy
+        for k in range(3):
+            stamps.append(publish())
+            wait_until(lambda k=k: worker._pending == k + 1)
+        go_on.set()
+        published = [tracked.next().header.stamp]
+        while published[-1] != stamps[-1]:
+            published.append(tracked.next().header.stamp)
+        assert not any(stamp in published for stamp in stamps[:2])
+    client.node.destroy_publisher(publisher)
+
+
 def test_the_worst_problem_decides_until_it_is_old(monkeypatch):
     now = [0.0]
     clock = types.SimpleNamespace(monotonic=lambda: now[0])
@@ -255,7 +304,8 @@ def test_the_worst_problem_decides_until_it_is_old(monkeypatch):
     counts.warn("fault", Problem.FAULT)
     now[0] = 25.0
     counts.warn("refused", Problem.REFUSED)
-    counts.warn("late")
+    counts.warn("skipped")
+    counts.warn("late", Problem.LATE)
     look(25.0)
     look(31.0)
     for at in (31.0, 32.0):

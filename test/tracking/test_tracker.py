@@ -224,6 +224,9 @@ def test_ahead_and_fork_leave_the_tracker_as_it_is():
     tracker.correct(0.1, {"box0": measured(pose([0.0, 0.0, 0.251]), rng)})
     before = tracker.samples()
     prediction = tracker.ahead([0.05, 0.4])
+    few = tracker.ahead([0.05, 0.4], members=16)  # 5 cm above the table at first, where nothing else is drawn
+    assert np.array_equal(few.at(0.05).samples, prediction.at(0.05).samples[::4])
+    assert few.propagator.samples == 16 and few["box0"].position[2] == pytest.approx(SIDE / 2, abs=2e-3)
     other = tracker.fork()
     other.correct(0.2, {"box0": measured(pose([0.0, 0.0, 0.104]), rng)})
     assert np.array_equal(tracker.samples(), before)

@@ -29,17 +29,20 @@ class Problem(IntEnum):
 
     Attributes
     ----------
+    LATE
+        A prediction was late: a warning.
     LEFT_OUT
-        An input was late, dropped or skipped: a warning.
+        An input was dropped, or a part of it skipped: a warning.
     REFUSED
         A request or input ended in an error, whose cause is what was sent: a warning.
     FAULT
         The node failed: an error.
     """
 
-    LEFT_OUT = 0
-    REFUSED = 1
-    FAULT = 2
+    LATE = 0
+    LEFT_OUT = 1
+    REFUSED = 2
+    FAULT = 3
 
 
 class Counts:

@@ -12,7 +12,7 @@ from typing import Any
 from ..propagators.base import Anytime, Propagator
 
 _INTERVALS = 5  # of the input, whose median is its period
-_SHARES = 1.0, 0.75, 0.5, 0.375  # of a propagator's rollouts
+_SHARES = 1.0, 0.75, 0.5, 0.375, 0.1875  # of a propagator's rollouts
 _FEWEST = 12  # rollouts
 _SHARE_OF_PERIOD = 0.5
 _ROOM = 0.8  # share of the limit that more rollouts may take

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +15,7 @@ from std_msgs.msg import Header
 from unc_physics_msgs.msg import Prediction, PredictionRequest, Scene
 
 from ..checks.errors import PredictionTimeoutError
-from .diagnostics import ThrottledWarnings
+from .diagnostics import Problem, ThrottledWarnings
 from .markers import MarkerTopic, OccupancyTopics
 from .messages.clocks import stamp_age, stamp_problem
 from .messages.fields import duration, seconds
@@ -23,6 +24,7 @@ from .messages.request import TimeLimits
 from .messages.scene import AllSkippedError
 from .parameters import Settings
 from .scene_topics import OVERRIDABLE, SceneTopics, prepared, topic_name
+from .stream_pace import Pace
 
 #: End of the names of frames of predicted and of tracked objects, after the object's id.
 PREDICTED, TRACKED = "_predicted", "_tracked"
@@ -68,16 +70,27 @@ class Stream:
         self._transforms.close()
 
     def _work(self, streamed):
-        """Predict a scene, and adapt the rollouts of later ones to the time that it took."""
+        """Predict a scene."""
+        self._server.diagnostics.predictions.heard()
+        self.keep_pace(streamed.pace, functools.partial(self._predict, streamed))
+
+    def keep_pace(self, pace: Pace, predict: Callable[[float | None], bool]) -> float:
+        """Predict an input, and adapt the rollouts of later ones to the time that it takes.
+
+        ``predict`` takes the limit of that time [s], or None, and returns whether it published a prediction.
+        Returns how much longer it took [s].
+        """
         began, counts = time.perf_counter(), self._server.diagnostics.predictions
-        counts.heard()
-        limit = streamed.pace.limit(self._server.settings.stream_time_budget)
-        published = self._predict(streamed, limit)
+        limit = pace.limit(self._server.settings.stream_time_budget)
+        published = predict(limit)
         took = time.perf_counter() - began
-        streamed.pace.took(took, limit)
+        pace.took(took, limit)
         if published and limit is not None and took > limit:
             counts.add("late predictions")
-            counts.warn(f"late: a prediction took {took:.3g} s, and the stream's limit is {limit:.3g} s")
+            counts.warn(
+                f"late: a prediction took {took:.3g} s, and the stream's limit is {limit:.3g} s", Problem.LATE
+            )
+        return took if limit is None else max(0.0, took - limit)
 
     def _replaced(self):
         self._server.diagnostics.predictions.add("replaced inputs")
@@ -142,7 +155,9 @@ class Stream:
         counts = server.diagnostics.predictions
         counts.add("skipped objects", len(message.skipped))
         for skipped in message.skipped:
-            self._warn("left out", f"object '{skipped.key}' was left out: {skipped.value}")
+            text = f"object '{skipped.key}' was left out: {skipped.value}"
+            self._warn("left out", text)
+            counts.warn(f"skipped objects: {text}")
         if (delay := stamp_age(server.node, message.header.stamp)) is not None:
             counts.set("last delay of the stream [s]", delay)
 
@@ -153,7 +168,7 @@ class Stream:
             return False
         counts = self._server.diagnostics.predictions
         counts.add("expired predictions")
-        counts.warn("late: the last horizon of a prediction had passed")
+        counts.warn("late: the last horizon of a prediction had passed", Problem.LATE)
         self._warn(
             "expired",
             f"a prediction was dropped: its scene is {age:.3g} s old, and its last horizon is {last:g} s",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import threading
-import time
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from typing import Any
 
@@ -32,8 +32,9 @@ from .messages.request import RequestedOutputs, limited_regions, read_horizon, r
 from .node_environment import HOW_TO_SET
 from .scene_topics import DetectionTopics, LatestWorker
 from .services import BackgroundService
+from .stream_pace import Pace
 from .streams import TRACKED, TransformTopic
-from .tracks import Tracks
+from .tracks import MEMBERS, Tracks
 
 #: Topic of the paths of prescribed objects.
 ACTIONS = "~/robot_motion"
@@ -67,8 +68,9 @@ class Tracking:
         self._waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
         self._predictor, self._ended = LatestWorker(self._predict, lambda: None), threading.Event()
         self._pending, self._pending_lock = 0, threading.Lock()
+        self._pace, self._predicted, self._unpredicted = Pace(), 0, 0  # newest stamp [ns], number of stamps
         self._skipped: dict[str, str] = {}
-        self._is_going_on = False
+        self._is_going_on = self._is_unpublished = False
         self._clock: Any = node.get_clock()
         self._heard: tuple[int, int] | None = None  # newest stamp, and the clock when it arrived [ns]
         self._counts = server.diagnostics.track()
@@ -192,17 +194,28 @@ class Tracking:
         with self._pending_lock:
             self._pending -= 1
         settings = self._server.settings
-        with self._server.errors_to(lambda problem: self._leave_out(message, problem)):
-            if (reason := stamp_problem(self._server.node, message.header.stamp, settings)) is not None:
-                self._counts.add("dropped messages")
-                self._counts.warn(f"dropped messages: {reason}")
-                self._warn("dropped", f"a message to the tracker was dropped: {reason}")
+        with self._guarded(lambda problem: self._leave_out(message, problem)):
+            if (reason := stamp_problem(self._server.node, message.header.stamp, settings)) is None:
+                work(message, transform, settings)
                 return
+            self._counts.add("dropped messages")
+            self._counts.warn(f"dropped messages: {reason}")
+            self._warn("dropped", f"a message to the tracker was dropped: {reason}")
+
+    @contextlib.contextmanager
+    def _guarded(self, report=None):
+        """Limit the time of a ``with`` block, and start anew if the tracker cannot go on after it.
+
+        ``report`` takes the message of an exception; by default it is logged.
+        """
+        report = report or (lambda problem: self._warn("failed", f"the tracker failed: {problem}"))
+        with self._server.errors_to(report):
             try:
                 with self._limited():
-                    work(message, transform, settings)
+                    yield
             except (DivergedError, PredictionTimeoutError) as error:
-                self._give_up(error)
+                self._counts.warn(f"the tracker starts anew: {error}", Problem.FAULT)
+                self._clear()
                 raise
 
     def _leave_out(self, message, reason):
@@ -250,7 +263,7 @@ class Tracking:
             self._report_skipped(skipped)
         if self._heard is None or stamp > self._heard[0]:
             self._heard = stamp, self._clock.now().nanoseconds
-        self._publish()
+        self._publish_after_others()
 
     def _act(self, message, transform, settings):
         objects, actions = message.objects, message.actions
@@ -264,9 +277,7 @@ class Tracking:
         """Publish the belief of the present time if no observation has come meanwhile."""
         settings, heard = self._server.settings, self._heard
         try:
-            with self._server.errors_to(
-                lambda problem: self._warn("failed", f"the tracker failed: {problem}")
-            ):
+            with self._guarded():
                 if heard is not None:
                     self._advance(heard[0] + self._clock.now().nanoseconds - heard[1], settings)
         finally:
@@ -275,23 +286,26 @@ class Tracking:
     def _advance(self, stamp, settings):
         if stamp - self._tracks.stamp < 0.5e9 / settings.tracked_rate or not self._tracks.names:
             return
-        try:
-            with self._limited():
-                with self._lock:
-                    self._tracks.advance(stamp, settings)
-                    self._counts.set("objects", len(self._tracks.names))
-                self._publish()
-        except (DivergedError, PredictionTimeoutError) as error:
-            self._give_up(error)
-            raise
+        with self._lock:
+            self._tracks.advance(stamp, settings)
+            self._counts.set("objects", len(self._tracks.names))
+        self._publish()
 
-    def _give_up(self, error):
-        """Forget all objects, as the tracker cannot go on with them."""
-        self._counts.warn(f"the tracker starts anew: {error}", Problem.FAULT)
-        self._clear()
+    def _publish_after_others(self):
+        """Publish the newest belief after the messages that wait now: they are often of the same image."""
+        if not self._is_unpublished:
+            self._is_unpublished = True
+            with contextlib.suppress(RuntimeError):
+                self._worker.submit(self._publish_newest)
+
+    def _publish_newest(self):
+        if self._is_unpublished:
+            with self._guarded():
+                self._publish()
 
     def _publish(self):
         """Publish the newest belief, and have it predicted."""
+        self._is_unpublished = False
         with self._lock:
             dropped = self._tracks.take_dropped()
             present, skipped, self._skipped = self._tracks.fork(), self._skipped | dropped, {}
@@ -309,12 +323,18 @@ class Tracking:
         if settings.publish_tf:
             self._transforms.publish(header, {own.id: own.pose for own in message.objects})
         if present.names and self._stream.is_wanted:
+            if present.stamp > self._predicted:  # several messages may belong to one time
+                self._predicted = present.stamp
+                self._pace.arrived()
+                with self._pending_lock:
+                    self._unpredicted += 1
             self._predictor.put(present)
 
     def _clear(self):
         with self._lock:
             self._tracks.clear()
-        self._heard = None
+        self._heard, self._predicted = None, 0
+        self._pace.reset()
         self._counts.set("objects", 0)
         self._publish()
 
@@ -333,19 +353,33 @@ class Tracking:
     def _predict(self, present):
         """Predict a fork for the stream's horizons; must not raise.
 
-        A pause of the same length leaves time for the tracker. The newest belief waits meanwhile.
+        If it takes longer than its limit, a pause leaves time for the tracker. The newest belief waits
+        meanwhile.
         """
-        settings, began = self._server.settings, time.perf_counter()
+        with self._pending_lock:
+            replaced, self._unpredicted = self._unpredicted - 1, 0
+        self._server.diagnostics.predictions.add("replaced inputs", max(0, replaced))
+        longer = self._stream.keep_pace(self._pace, functools.partial(self._predict_within, present))
+        self._ended.wait(longer)
+
+    def _predict_within(self, present, limit):
+        """Predict a fork with as many of its members as the limit leaves time for, and publish the result.
+
+        Returns whether it was published.
+        """
+        settings, published = self._server.settings, False
         with self._server.errors_to(
             lambda error: self._warn("not predicted", f"a tracked scene was not predicted: {error}")
         ):
             marks, message = marks_of(present.scene, None, sorted(set(settings.horizons))), Prediction()
             outputs = RequestedOutputs(probabilities=settings.stream_probabilities)
+            members = self._pace.adapted(MEMBERS, limit)
             with self._limited(settings.max_computation_time):
-                job, prediction = present.predict(marks, settings, outputs)
+                job, prediction = present.predict(marks, settings, outputs, propagator=members)
             self._write(message, job, prediction, present.stamp)
             self._stream.publish(message, job)
-        self._ended.wait(time.perf_counter() - began)
+            published = True
+        return published
 
     def _write(self, message, job, prediction: CorePrediction, stamp):
         settings, header = self._server.settings, Header(stamp=stamp_of(stamp))

@@ -24,8 +24,7 @@ from ..checks.names import hint
 from ..prediction.events import REST_ANGULAR_SPEED, REST_SPEED
 from ..prediction.prediction import Prediction
 from ..prediction.regions import BoxRegion
-from ..propagators.names import REFERENCE
-from ..propagators.registry import make_propagator
+from ..propagators.monte_carlo import MonteCarlo
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
@@ -65,8 +64,8 @@ from .parameters import AXES, Settings
 
 #: Time without observations after which all objects are forgotten [s].
 _LONGEST_GAP = 60.0
-_MEMBERS = 64  # rollouts of the tracker
-_SEED = 1
+#: Rollouts of the tracker.
+MEMBERS = MonteCarlo(samples=64, seed=1)
 _MOVING = TrackStatus.TRACKED, TrackStatus.COASTING  # with physics
 
 
@@ -364,6 +363,7 @@ class Tracks:
         outputs: RequestedOutputs = MARGINALS_ONLY,
         regions: tuple[BoxRegion, ...] = (),
         samples: int = 0,
+        propagator: MonteCarlo = MEMBERS,
     ) -> tuple[Job, Prediction]:
         """Predict from the belief of a fork.
 
@@ -375,26 +375,27 @@ class Tracks:
         regions : tuple of BoxRegion
         samples : int
             Number of samples in the answer.
+        propagator : MonteCarlo
+            Its samples are as many of the tracker's members.
 
         Raises
         ------
         UncPhysicsError
         """
         scene = self.scene
-        members = make_propagator(REFERENCE, samples=_MEMBERS, seed=_SEED)
         job = Job(
             scene=scene,
             belief=self._tracker.belief(),
             models=tuple(self._models[body.name] for body in scene.bodies),
-            propagator=members,
+            propagator=propagator,
             marks=marks,
-            seed=_SEED,
+            seed=MEMBERS.seed,
             regions=regions,
             return_samples=samples,
             outputs=outputs,
         )
         check_answer(job, settings)
-        return job, self._tracker.ahead([mark.time for mark in marks])
+        return job, self._tracker.ahead([mark.time for mark in marks], propagator.samples)
 
     @property
     def scene(self):
@@ -664,9 +665,9 @@ class Tracks:
         self._tracker = Tracker(
             scene,
             belief,
-            members=_MEMBERS,
+            members=MEMBERS.samples,
             window=settings.tracking_window,
-            seed=_SEED,
+            seed=MEMBERS.seed,
             symmetries={name: own for name, own in found.items() if own is not None},
             interrupt=self._interrupt,
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..compiler.compile_time import clock
@@ -124,7 +126,8 @@ def prediction_from(
         snapshots.append(
             Snapshot(mark.time, belief_at(tracked, state, at), carry, samples, first_contacts=first)
         )
-    return Prediction(scene, tracked.propagator, tuple(snapshots), now, now, clock() - started)
+    members = replace(tracked.propagator, samples=len(state.carry.states))
+    return Prediction(scene, members, tuple(snapshots), now, now, clock() - started)
 
 
 def _touching_support(history, scene, time):

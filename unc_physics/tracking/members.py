@@ -68,6 +68,19 @@ def advanced(tracked: TrackedScene, state: State, step: int) -> State:
     return state
 
 
+def with_fewer(state: State, count: int) -> State:
+    """Return the state with so many of its members, evenly spaced, or all if it has fewer."""
+    carry, each = state.carry, len(state.carry.states)
+    if count >= each:
+        return state
+    kept = np.arange(count) * each // count
+    history = histories.samples(carry.contact_history, kept)
+    fewer = carry._replace(
+        states=carry.states[kept], parameters=carry.parameters[kept], contact_history=history
+    )
+    return state._replace(carry=fewer)
+
+
 def drawn_again(tracked: TrackedScene, state: State, place: int, free: Filter) -> State:
     """Return the state with a moving body's members drawn from a filter's belief.
 

@@ -32,7 +32,7 @@ from .history import Entry, History
 from .hypotheses import Filter, new_track
 from .measurements import Measurement, PoseMeasurement, PositionMeasurement
 from .measurements import RelativePoseMeasurement as Relative
-from .members import first_members, with_last_body, without_body, woken
+from .members import first_members, with_fewer, with_last_body, without_body, woken
 from .noise import ContactNoise
 from .report import Correction, TrackStatus
 from .state import State, TrackedScene, go_on
@@ -227,13 +227,16 @@ class Tracker:
             for k, key in enumerate(_parameter_names(self.scene))
         }
 
-    def ahead(self, times: float | Sequence[float]) -> Prediction:
+    def ahead(self, times: float | Sequence[float], members: int | None = None) -> Prediction:
         """Predict from the present belief; the tracker does not change.
 
         Parameters
         ----------
         times : float or sequence of float
             One time or several, from the tracker's time on, ascending [s].
+        members : int, optional
+            How many of the tracker's members are simulated, evenly spaced; by default all. Fewer take less
+            time.
 
         Returns
         -------
@@ -241,8 +244,10 @@ class Tracker:
             Its times and contact times are from the tracker's time on.
         """
         started = clock()
-        marks = marks_of(self.scene, None, times)
-        return prediction_from(self._tracked, self._state_at(self._time), self._time, marks, started)
+        marks, state = marks_of(self.scene, None, times), self._state_at(self._time)
+        if members is not None:
+            state = with_fewer(state, integer(members, "members", low=_FEWEST))
+        return prediction_from(self._tracked, state, self._time, marks, started)
 
     def fork(self) -> Tracker:
         """Return an independent tracker in the same state, for what-if questions."""

@@ -461,4 +461,6 @@ def _empty_result(states, first_time, stops, room):
 
 def _with_rows(contact, rows):
     """Return remembered contacts (T, N, K, REMEMBERED), padded with zeros to K = rows."""
+    if rows == contact.shape[2]:
+        return contact
     return np.pad(contact, ((0, 0), (0, 0), (0, rows - contact.shape[2]), (0, 0)))
