@@ -159,7 +159,8 @@ class Settings:
     )
     warm_up: tuple[str, ...] = parameter(
         (ANYTIME, REFERENCE),
-        "Propagators whose kernels are compiled, or loaded, before the node is ready; kernels of other"
+        "Propagators whose kernels are compiled, or loaded, before the node is ready, beside the"
+        " stream_propagator; empty: none at all. Kernels of other"
         " propagators are compiled at their first request. Propagators of other packages that do not support"
         " the integrator are left out.",
         choices=tuple(PROPAGATORS),

@@ -10,7 +10,7 @@ import os
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent import futures
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -28,6 +28,8 @@ from ..prediction import warm_up as core
 from ..prediction.prediction import Prediction
 from ..prediction.request_checks import marks_of
 from ..propagators.names import REFERENCE
+from ..shapes.distance import signed_distance
+from ..spatial.layout import POSITION, QUATERNION
 from .candidates import CandidatesService
 from .diagnostics import Diagnostics, LibraryLog, ThrottledWarnings
 from .long_prediction import LongPrediction
@@ -112,12 +114,14 @@ class PredictionServer:
         self._check_models()
         if self.settings.environment:
             self.environment.load(os.path.expanduser(self.settings.environment))
-        names = [name for name in self.settings.warm_up if name]
+        names = dict.fromkeys(filter(None, self.settings.warm_up))
+        if names:
+            names[self.settings.stream_propagator] = None
         self.log.info(
             f"warming up {', '.join(names) or 'nothing'}: seconds where its kernels are compiled, minutes at"
             " the very first start; services are advertised after that"
         )
-        _warm_up(self.settings, self._log_warm)
+        warm_up(names, self.settings, self._log_warm)
         if self.settings.track:
             core.warm_up((REFERENCE,), self.settings.physics, warm_up_tracker)
         self.log.info(
@@ -400,8 +404,8 @@ class PredictionServer:
             self.diagnostics.failed(result.error_code, result.error_msg)
 
 
-def _warm_up(settings, done: Callable[[str, float], object]) -> None:
-    """Compile or load the kernels of the node's physics and propagators, and of its answers.
+def warm_up(names: Iterable[str], settings, done: Callable[[str, float], object]) -> None:
+    """Compile or load the kernels of propagators, and of the node's physics, detections and answers.
 
     ``done`` is called with the name of each propagator and its duration [s].
     """
@@ -421,7 +425,14 @@ def _warm_up(settings, done: Callable[[str, float], object]) -> None:
         )
         message = PredictionMessage()
         write_answer(message, message.header, settings, job, job.run())
+        first, second, *_ = zip(scene.bodies, belief.mean, strict=True)
+        signed_distance(*_placed(*first), *_placed(*second))  # of detections from what they stand on
         begun, before = time.perf_counter(), begun
         done(propagator.name, begun - before)
 
-    core.warm_up(filter(None, settings.warm_up), settings.physics, answer)
+    core.warm_up(names, settings.physics, answer)
+
+
+def _placed(body, state):
+    """Return a body's model and pose."""
+    return body.model, (state[POSITION], state[QUATERNION])

@@ -41,6 +41,7 @@ from ..spatial.layout import (
     VELOCITY,
 )
 from ..tracking.ensemble import Gates
+from ..tracking.hypotheses import UNKNOWN_SPIN
 from ..tracking.measurements import PoseMeasurement
 from ..tracking.report import TrackStatus
 from ..tracking.symmetry import AxialSymmetry, turned_about
@@ -66,6 +67,7 @@ from .parameters import AXES, Settings
 _LONGEST_GAP = 60.0
 #: Rollouts of the tracker.
 MEMBERS = MonteCarlo(samples=64, seed=1)
+_VELOCITIES = np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]
 _MOVING = TrackStatus.TRACKED, TrackStatus.COASTING  # with physics
 
 
@@ -745,10 +747,17 @@ class Tracks:
 
 def warm_up_tracker(scene: Scene, belief: Belief, _propagator: object, horizon: float) -> None:
     """Track a scene for a few steps, so that what it needs is compiled or loaded."""
-    tracker = Tracker(scene, belief)
-    body = int(scene.moving[0])
-    pose = np.concatenate([belief.mean[body, POSITION], belief.mean[body, QUATERNION]])
-    tracker.correct(horizon, {scene.bodies[body].name: PoseMeasurement(pose, np.full(6, 1e-3), "model")})
+    P = belief.covariance.copy()
+    P[:, _VELOCITIES, _VELOCITIES] = UNKNOWN_SPIN**2  # until the second observation
+    scene = replace(scene, bodies=[replace(body, at_rest=False) for body in scene.bodies])
+    tracker = Tracker(scene, Belief.trusted(belief.mean, P, belief.moving))
+    poses = np.concatenate([belief.mean[:, POSITION], belief.mean[:, QUATERNION]], axis=1)
+    seen = {
+        scene.bodies[b].name: PoseMeasurement(poses[b], np.full(6, 1e-3), "model")
+        for b in scene.moving.tolist()
+    }
+    for k in (1, 2):
+        tracker.correct(k * horizon, seen)
     tracker.ahead([horizon])
 
 
@@ -765,10 +774,9 @@ def _symmetry(model, settings):
 
 def _may_rest(belief, b):
     """Return whether the tracker would accept a measurement of body b that it is at rest."""
-    velocities = np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]
     u = np.concatenate([belief.mean[b, VELOCITY], belief.mean[b, ANGULAR_VELOCITY]])
     rest = np.repeat([REST_SPEED**2, REST_ANGULAR_SPEED**2], 3) / Gates().soft
-    S = belief.marginal(b)[np.ix_(velocities, velocities)] + np.diag(rest)
+    S = belief.marginal(b)[np.ix_(_VELOCITIES, _VELOCITIES)] + np.diag(rest)
     return u @ np.linalg.solve(S, u) < Gates().soft
 
 
