@@ -119,7 +119,9 @@ def test_the_world_frame_and_no_frame_are_the_same(frames):
 
 
 def test_a_frame_without_transform(frames):
-    with pytest.raises(UnknownFrameError, match="transform_timeout.*nowhere.*the node's clock"):
+    with pytest.raises(
+        UnknownFrameError, match="parameter world_frame.*transform_timeout.*nowhere.*the node's clock"
+    ):
         frames.to_world(Header(frame_id="nowhere"))
 
 

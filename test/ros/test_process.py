@@ -32,6 +32,7 @@ def test_a_signal_ends_a_busy_node_cleanly(client):
 def test_a_signal_as_soon_as_it_is_ready_ends_the_node_cleanly():
     with NodeProcess("-p", "frction:=0.3", "-p", "warm_up:=['']", name="hasty") as process:
         assert process.end() == 0  # its executor takes up services while they are taken back
+        assert "ends, after SIGINT" in process.output
         assert "Traceback" not in process.output and "abort" not in process.output
         assert "'frction' is unknown and has no effect; did you mean 'friction'?" in process.output
 

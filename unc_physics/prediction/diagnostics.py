@@ -449,9 +449,10 @@ def energy_error(evidence):
     Bodies that touched share their energy. With several rollouts, a lower bound of the mean. Or energy lost,
     over the largest kinetic energy at the start, the first contact or the end, if that is larger. Losses
     count only where all contacts are elastic and without friction, parameters are certain, and nothing else
-    takes energy; not with the explicit integrator. Falls from less than 1 mm do not count.
+    takes energy; not with the explicit integrator. A tracker's predictions are not judged. Falls from less
+    than 1 mm do not count.
     """
-    if evidence.scene.acts:  # which adds energy
+    if evidence.scene.acts or evidence.propagator.adds_energy:
         return None
     lost = _energy_lost(evidence) if evidence.conserving.any() else -math.inf
     return np.maximum(_energy_gained(evidence), lost)

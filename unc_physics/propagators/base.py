@@ -68,12 +68,15 @@ class Propagator(ABC):
     integrators : tuple of str
         Supported values of ``Scene.integrator``.
     supports : Supports
+    adds_energy : bool
+        Whether something besides the scene moves its rollouts.
     """
 
     name: ClassVar[str]
     traits: ClassVar[Traits]
     integrators: ClassVar[tuple[str, ...]] = ("explicit",)
     supports: ClassVar[Supports] = Supports()
+    adds_energy: ClassVar[bool] = False
 
     def __post_init__(self):
         for option in self.described_options():

@@ -136,10 +136,16 @@ def run(make_node, arguments=None, program="unc_physics_node") -> int:
         print(_USAGE.format(program=program))
         return 0
     stop, ended, node, spinning = threading.Event(), threading.Event(), None, None
+    received: list[int] = []
+
+    def end(number, _):
+        received.append(number)
+        stop.set()
+
     try:
         _init(arguments)
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: stop.set())
+            signal.signal(number, end)
         threading.Thread(target=_end_soon, args=[stop, ended], daemon=True).start()
         sys.setswitchinterval(_SWITCH_INTERVAL)
         node = make_node()
@@ -150,6 +156,8 @@ def run(make_node, arguments=None, program="unc_physics_node") -> int:
                 frozen = True
                 gc.collect()
                 gc.freeze()  # garbage collection skips the objects that exist now
+        for number in received[:1]:
+            node.get_logger().info(f"ends, after {signal.Signals(number).name}")
         if node.failed is not None:
             raise node.failed
     except UncPhysicsError as error:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..compiler.compile_time import clock
 from ..physics import contact_history as histories
 from ..prediction.prediction import Prediction
 from ..prediction.snapshot import Snapshot
+from ..propagators.monte_carlo import MonteCarlo
 from ..scene.belief import Belief
 from ..scene.contact_world import bearing_pairs
 from ..scene.kinematic_states import with_kinematic
@@ -27,6 +26,12 @@ from .state import State, TrackedScene
 _RESTING_SHARE = 0.9
 #: Rejected measurements in a row, and standard deviation of the position [m], of a lost body.
 _LOST_AFTER, _LOST_STD = 3, 0.5
+
+
+class Members(MonteCarlo):
+    """Propagator of a tracker's predictions, in which noise and filters move bodies, too."""
+
+    adds_energy = True
 
 
 def members_at(tracked: TrackedScene, state: State, time: float) -> np.ndarray:
@@ -126,7 +131,7 @@ def prediction_from(
         snapshots.append(
             Snapshot(mark.time, belief_at(tracked, state, at), carry, samples, first_contacts=first)
         )
-    members = replace(tracked.propagator, samples=len(state.carry.states))
+    members = Members(len(state.carry.states), tracked.propagator.seed)
     return Prediction(scene, members, tuple(snapshots), now, now, clock() - started)
 
 

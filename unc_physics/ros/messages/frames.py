@@ -78,7 +78,7 @@ class Frames:
             return None
         if self._buffer is None:
             raise UnknownFrameError(
-                f"must be empty or the world frame '{self._world_frame}', as tf2_ros is not installed",
+                f"must be empty or '{self._world_frame}' (parameter world_frame), as there is no tf2_ros",
                 field=f"{field}.frame_id",
                 value=header.frame_id,
             )
@@ -94,8 +94,8 @@ class Frames:
             waited = f" within {timeout:g} s" if timeout else ""
             clocks = both_clocks(self._node, header.stamp)
             raise UnknownFrameError(
-                f"has no transform to '{self._world_frame}'{waited}, the parameter transform_timeout:"
-                f" {error}; {clocks}",
+                f"has no transform to '{self._world_frame}' (parameter world_frame){waited} (parameter"
+                f" transform_timeout): {error}; {clocks}",
                 field=f"{field}.frame_id",
                 value=header.frame_id,
             ) from error
