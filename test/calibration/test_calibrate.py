@@ -99,6 +99,16 @@ def test_standard_deviations_hold_far_from_the_scene_s_friction():
     assert np.sqrt(np.mean(z**2)) < 1.7 and np.abs(z).max() < 3.0
 
 
+def test_processes_change_no_bit(motions):
+    def fit(executor):
+        return calibrate(motions[:6], scene(), ["friction"], samples=8, evaluations=4, executor=executor)
+
+    one, other = fit(None), fit("processes:2")
+    assert (one.fitted, one.objective, one.evaluations) == (other.fitted, other.objective, other.evaluations)
+    for a, b in zip(one.scores_after, other.scores_after, strict=True):
+        assert all(map(np.array_equal, a, b))
+
+
 def test_laws_that_the_scene_lacks_are_not_fitted():
     laws = {"impact_friction_speed", "impact_direction_std", "impact_point_std", "impact_friction_std"}
     exact = scene()

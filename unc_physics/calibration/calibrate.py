@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import NamedTuple
@@ -12,6 +13,7 @@ import numpy as np
 
 from ..checks.errors import NotSupportedError
 from ..checks.validation import integer
+from ..prediction.executors import AnyExecutor, Workers
 from ..scene.scene import Scene
 from .adjustable import Adjustable, Model, chosen, fitted_by_default
 from .flight import FlightGravity, FlightStart, flight_gravity, pose_noise
@@ -24,6 +26,7 @@ from .uncertainty import refine, refining
 
 EVALUATIONS = 80
 _SEARCHED = 12  # motions, at most, of the search; the uncertainty is then estimated from all motions
+_CHUNK_TIME = 0.05  # s, of a worker's predictions: a model has few of them, and the next one waits for all
 _LEVEL = 0.9  # level of the regions whose coverage is checked
 _SURE = 4.0  # standard errors below it that raise a doubt: there are four checks, and fitted values err
 _CLEAR = 3.0  # standard deviations from 0 of a spread that is not zero
@@ -141,6 +144,7 @@ def calibrate(
     samples: int | None = None,
     evaluations: int = EVALUATIONS,
     seed: int = 0,
+    executor: AnyExecutor = None,
     progress: Callable[[int, int, float], object] | None = None,
 ) -> Calibration:
     """Fit friction, restitution, inertia and errors of the model to recorded motions, all jointly.
@@ -166,6 +170,8 @@ def calibrate(
         Models that the search tries on a dozen of the motions, at least four times as many as there are
         things to fit. Some more, on all motions, follow for the uncertainty of the values.
     seed : int
+    executor : concurrent.futures.Executor, callable or str, optional
+        Predicts the motions, as in `predict_many`; by default this process. The result does not depend on it.
     progress : callable, optional
         Called with the number of models tried, of about how many, and the best score so far. What it raises
         ends the fit.
@@ -186,14 +192,17 @@ def calibrate(
     samples = max(4, DRAWS // len(found)) if samples is None else integer(samples, "samples", low=4)
     before = with_noise(scene, found)
     count_models = _Progress(evaluations + refining(len(adjusted)), progress)
-    result = fit_model(found, before, adjusted, samples, evaluations, seed, count_models)
-    check = Objective(found, max(samples, 100), seed + 1)
+    Objective(found[:1], samples, seed).scores(before)  # this process compiles, and workers load
+    with closing(Workers(executor, _CHUNK_TIME)) as workers:
+        result = fit_model(found, before, adjusted, samples, evaluations, seed, count_models, workers=workers)
+        check = Objective(found, max(samples, 100), seed + 1, workers=workers)
+        scores_before, scores_after = check.scores(before), check.scores(result.model)
     return Calibration(
         before,
         result.model,
         result.fitted,
-        tuple(check.scores(before)),
-        tuple(check.scores(result.model)),
+        tuple(scores_before),
+        tuple(scores_after),
         tuple(found),
         flight_gravity(motions, scene),
         result.scores,
@@ -228,20 +237,22 @@ def fit_model(
     seed: int,
     report_score: Callable[[float], object] = lambda score: None,
     simulate: Simulator = simulated,
+    workers: Workers | None = None,
 ) -> Fit:
     """Return the model under which motions are predicted best, for any simulator.
 
     The values of ``before`` are the medians of the priors. Samples, evaluations and seed are those of
     `calibrate`. ``report_score`` is called with the mean penalised score of each model that is tried, and
-    ``simulate`` makes the predictions.
+    ``simulate`` makes the predictions, on ``workers`` if there are some.
     """
-    few = Objective(motions[:_SEARCHED], samples, seed, simulate)
+    workers = workers or Workers()
+    few = Objective(motions[:_SEARCHED], samples, seed, simulate, workers=workers)
     search = ParameterSearch(Posterior(few, before, adjusted, report_score, len(motions)))
     search.approach()
     if evaluations - search.tried > 2 * len(adjusted):
         search.run(evaluations - search.tried)
     # other draws than those to which the best values are adapted
-    every = Objective(motions, samples, seed + 2, simulate)
+    every = Objective(motions, samples, seed + 2, simulate, workers=workers)
     score_before = every.per_motion(before).mean()
     posterior = Posterior(every, before, adjusted, report_score)
     estimate = refine(posterior, search.best)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ..checks.errors import DivergedError, InvalidRequestError
+from ..prediction.executors import Workers, in_order
 from ..prediction.predict import predict
 from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator
@@ -144,6 +146,7 @@ class Objective:
     samples: int  # of each motion
     seed: int = 0  # motion k has the same draws, whatever the model
     simulate: Simulator = simulated  # makes the predictions
+    workers: Workers = field(default_factory=Workers)  # by default this process
     #: (float, float): weights of `Scores.density` and of `Scores.lies`, beside the energy scores. The latter
     #: are divided by their means under the first model that is evaluated.
     weights: tuple[float, float] = WEIGHTS
@@ -151,14 +154,9 @@ class Objective:
 
     def scores(self, model: Model) -> list[Scores]:
         """Return the scores of each motion under a model."""
-        found = []
-        for k, one in enumerate(self.recorded):
-            belief = one.start.belief(model.position_noise, model.rotation_noise)
-            states = self.simulate(model.scene, belief, one.times, self.samples, seed_of(self.seed, k))
-            if not all(np.abs(x).max() < _LOST for x in states):
-                raise DivergedError("threw a sample away", field=f"motion '{one.motion.name}'")
-            found.append(scored(as_recorded(states, model, seed_of(self.seed, k)), one.poses))
-        return found
+        work = partial(_scores_of_motion, model, self.simulate, self.samples)
+        seeds = [seed_of(self.seed, k) for k in range(len(self.recorded))]
+        return list(in_order(self.workers.results(work, zip(self.recorded, seeds, strict=True))))
 
     def per_motion(self, model: Model) -> np.ndarray:
         """Return the weighted sum of the scores of each motion (M,)."""
@@ -173,6 +171,16 @@ class Objective:
                 for one in found
             ]
         )
+
+
+def _scores_of_motion(model, simulate, samples, motion_and_seed):
+    """Return the scores of a motion under a model."""
+    one, seed = motion_and_seed
+    belief = one.start.belief(model.position_noise, model.rotation_noise)
+    states = simulate(model.scene, belief, one.times, samples, seed)
+    if not all(np.abs(x).max() < _LOST for x in states):
+        raise DivergedError("threw a sample away", field=f"motion '{one.motion.name}'")
+    return scored(as_recorded(states, model, seed), one.poses)
 
 
 def seed_of(seed: int, k: int) -> int:

@@ -22,6 +22,10 @@ def key_and_value(text: str) -> tuple[str, str]:
 
 _PAIRS: dict[str, Any] = {"action": "append", "default": [], "type": key_and_value}
 _OPTIONS: dict[str, dict[str, Any]] = {
+    "--executor": {
+        "metavar": "KIND",
+        "help": "who computes: processes:N, or dask://HOST:PORT for a scheduler (default: this process)",
+    },
     "--horizon": {"metavar": "T", "help": "time to predict for [s], instead of the file's"},
     "--json": {"action": "store_true", "help": "print one JSON object instead of a table"},
     "--models": {"metavar": "DIR", "help": "folder of the models, instead of the model library"},

@@ -84,7 +84,7 @@ def add_calibrate_command(commands) -> None:
         metavar=("M", "RAD"),
         help="also fit the contact noise of a tracker, for poses with these standard deviations",
     )
-    add_options(parser, "--models")
+    add_options(parser, "--executor", "--models")
     parser.set_defaults(run=run)
 
 
@@ -120,6 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
             samples=arguments.samples,
             evaluations=evaluations,
             seed=arguments.seed,
+            executor=arguments.executor,
             progress=progress,
         )
     left_out = len(motions) - len(found.recorded)

@@ -25,12 +25,7 @@ def add_predict_many_command(commands) -> None:
     )
     parser.add_argument("requests", metavar="REQUESTS.jsonl", help="file with a request in each line")
     parser.add_argument("-o", "--output", required=True, metavar="FOLDER", help="folder of the answers")
-    parser.add_argument(
-        "--executor",
-        metavar="KIND",
-        help="who computes: processes:N, or dask://HOST:PORT for a scheduler (default: this process)",
-    )
-    add_options(parser, "--models")
+    add_options(parser, "--executor", "--models")
     parser.set_defaults(run=run)
 
 

@@ -179,10 +179,12 @@ class Workers:
 
 
 def in_order(numbered: Iterable[tuple[int, Any, Any]]) -> Iterator[Any]:
-    """Yield the results of `Workers.results` in the order of the items."""
+    """Yield the results of `Workers.results` in the order of the items; an `InternalError` is raised."""
     early: dict[int, Any] = {}
     number = 0
     for k, _, value in numbered:
+        if isinstance(value, InternalError):
+            raise value
         early[k] = value
         while number in early:
             yield early.pop(number)
@@ -218,7 +220,10 @@ class _InProcess(Executor):
 
     def submit(self, fn, /, *args, **kwargs):
         future: Future = Future()
-        future.set_result(fn(*args, **kwargs))
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except _Failed as failed:
+            future.set_exception(failed)
         return future
 
 
