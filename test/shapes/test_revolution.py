@@ -9,9 +9,9 @@ from unc_physics import load_model
 from unc_physics.shapes import household_meshes as meshes
 from unc_physics.shapes.distance import distance_of_bodies, identity_frame
 from unc_physics.shapes.household import HOUSEHOLD
-from unc_physics.shapes.pieces import Lathe, ball, convex_outline, piece_arrays
+from unc_physics.shapes.pieces import Hull, Lathe, ball, box, convex_outline, piece_arrays
 from unc_physics.shapes.recipes import RECIPES
-from unc_physics.shapes.revolution import convex_parts, lathe_pieces
+from unc_physics.shapes.revolution import convex_parts, lathe_pieces, turns
 from unc_physics.shapes.surface_error import distances_of_points, surface_error
 
 TOLERANCE = 7e-4
@@ -142,3 +142,22 @@ def test_a_ball_rolls_around_a_bowl_without_a_ridge(radius):
         assert len(jumps) > 3
         for k in jumps:
             assert slopes[k] > 0.0 > slopes[k + 1]
+
+
+@pytest.mark.parametrize("name", ["can", "bottle", "plate", "bowl"])
+def test_turns_about_the_axis_leave_round_models_unchanged(name):
+    np.testing.assert_allclose(turns(load_model(name).pieces), np.diag([0.0, 0.0, 1.0]), atol=1e-12)
+
+
+def test_only_bodies_of_revolution_about_the_origin_have_such_turns():
+    along_x = Hull(np.array([[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0]]), 0.02)
+    sector = Lathe(((0.05, 0.0), (0.1, 0.0), (0.1, 0.1)), half_angle=1.0)
+    np.testing.assert_allclose(turns((ball(0.1),)), np.eye(3))
+    np.testing.assert_allclose(turns((ball(0.1), along_x)), np.diag([1.0, 0.0, 0.0]))
+    for pieces in (
+        (box((0.1, 0.1, 0.1)),),
+        (sector,),
+        (along_x, ball(0.1, (0.0, 0.01, 0.0))),
+        load_model("mug").pieces,
+    ):
+        assert not turns(tuple(pieces)).any()

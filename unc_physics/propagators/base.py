@@ -146,6 +146,8 @@ class StandardErrors(NamedTuple):
     #: position_spread, rotation_spread: (B,): of the standard deviation, over it
     position_spread: np.ndarray
     rotation_spread: np.ndarray
+    #: (B,): the larger of both, without what turns about the axis of a body of revolution add to the error
+    seen_spread: np.ndarray
 
     @property
     def spread(self) -> np.ndarray:

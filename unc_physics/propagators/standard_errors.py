@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..scene.scene import Scene
+from ..shapes.revolution import turns
 from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, QUATERNION
 from ..spatial.moments import mean_and_errors, spread_states
 from .base import StandardErrors
@@ -13,6 +14,7 @@ from .emission import SPREAD_FLOORS, Moments, Runs, moments
 #: Standard deviation of a rotation [rad] above which rotation vectors wrap around, which makes its mean less
 #: certain; and the number of groups of a jackknife that then estimates the standard error.
 _WIDE, _PARTS = 1.0, 8
+_ROUND = 1e-6  # difference of moments of inertia, over the largest, that is round-off
 
 
 def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
@@ -24,32 +26,44 @@ def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
     """
     count = len(runs.mean)
     errors = StandardErrors(*(np.zeros(count) for _ in StandardErrors._fields))
+    turning = np.array([_turns(body) for body in scene.bodies])
     for found in moments(runs, scene):
         bodies, number = found.group.bodies, len(found.errors)
         of_mean = errors.position, errors.rotation
         of_spread = errors.position_spread, errors.rotation_spread
-        own = found.errors.reshape(number, -1, ERROR)
-        left = found.left_out.reshape(len(found.left_out), -1, ERROR)
+        parts = [part.reshape(len(part), -1, ERROR) for part in (found.errors, found.left_out)]
         for block, mean, spread, nothing in zip(
             (ERR_POSITION, ERR_ROTATION), of_mean, of_spread, SPREAD_FLOORS, strict=True
         ):
-            squares = (own[:, :, block] ** 2).sum(axis=2)
-            variance = squares.mean(axis=0)
-            rest = (left[:, :, block] ** 2).sum(axis=2).mean(axis=0)
+            own, left = (part[:, :, block] for part in parts)
+            variance = (own**2).sum(axis=2).mean(axis=0)
+            rest = (left**2).sum(axis=2).mean(axis=0)
             mean[bodies] = np.sqrt(np.minimum(rest, variance) / number)
             share = mean[bodies] / np.maximum(np.sqrt(variance), nothing)
             errors.relative[bodies] = np.maximum(errors.relative[bodies], share)
-            unknown = squares - variance
-            if found.has_surface:
-                some = own[: len(left)]
-                through = ((some - left)[:, :, block] ** 2).sum(axis=2)
-                by_surface = squares[: len(left)] - through
-                by_surface = by_surface - by_surface.mean(axis=0)
-                fewer = by_surface.var(axis=0) < unknown.var(axis=0)
-                unknown = np.where(fewer, by_surface, unknown[: len(left)])
-            share = np.sqrt(unknown.var(axis=0) / number) / (2.0 * np.maximum(variance, nothing**2))
-            spread[bodies] = share
+            least = 2.0 * np.maximum(variance, nothing**2)
+            spread[bodies] = seen = _of_variance(own, left, found.has_surface) / least
+            if block == ERR_ROTATION and turning[bodies].any():
+                own, left = (part - np.einsum("mij,nmj->nmi", turning[bodies], part) for part in (own, left))
+                seen = _of_variance(own, left, found.has_surface) / least
+            errors.seen_spread[bodies] = np.maximum(errors.seen_spread[bodies], seen)
     return errors
+
+
+def _of_variance(own, left, has_surface):
+    """Return standard errors (m,) of variances.
+
+    ``own`` (N, m, 3) are errors of rollouts, and ``left`` (n, m, 3) those of leaving out the first ones.
+    """
+    squares = (own**2).sum(axis=2)
+    unknown = squares - squares.mean(axis=0)
+    if has_surface:
+        through = ((own[: len(left)] - left) ** 2).sum(axis=2)
+        by_surface = squares[: len(left)] - through
+        by_surface = by_surface - by_surface.mean(axis=0)
+        fewer = by_surface.var(axis=0) < unknown.var(axis=0)
+        unknown = np.where(fewer, by_surface, unknown[: len(left)])
+    return np.sqrt(unknown.var(axis=0) / len(own))
 
 
 def wrapped_errors(runs: Runs, scene: Scene, errors: StandardErrors) -> StandardErrors:
@@ -65,6 +79,15 @@ def wrapped_errors(runs: Runs, scene: Scene, errors: StandardErrors) -> Standard
         if wide.any():
             rotation[bodies[wide]] *= _wrapping(found)[wide]
     return errors._replace(rotation=rotation)
+
+
+def _turns(body):
+    """Return the projection (3, 3) of rotations onto those that leave shape and inertia unchanged."""
+    found, inertia = turns(body.model.pieces), body.unit_inertia
+    rank, along = round(found.trace()), (found * inertia).sum()
+    across = (inertia.trace() - along) / max(3 - rank, 1)
+    symmetric = along / max(rank, 1) * found + across * (np.eye(3) - found)
+    return found if np.abs(symmetric - inertia).max() < _ROUND * along else np.zeros((3, 3))
 
 
 def _wrapping(found: Moments) -> np.ndarray:

@@ -3,14 +3,43 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
+from functools import lru_cache
 
 import numpy as np
 
-from .pieces import Lathe, convex_outline
+from .pieces import Hull, Lathe, Piece, convex_outline
 
 _SAMPLES = 24  # points of each edge at which it is checked whether a hull sticks out
 _LEVEL = 1e-12  # share of the squared size: smaller areas count as zero
+_ON_AXIS = 1e-7  # distance from the axis [m], or angle [rad], that is round-off
 _SECTORS = 1 << 12  # of a ring, at most; a tolerance that needs more is not met
+
+
+@lru_cache(maxsize=256)
+def turns(pieces: tuple[Piece, ...]) -> np.ndarray:
+    """Return the projection (3, 3) of rotations about the origin onto those that leave the pieces unchanged.
+
+    It is 1 for balls in the origin, ``a a^T`` for whole turns about an axis a, and 0 for others. A ring of
+    sectors counts as a whole turn.
+    """
+    nothing, directions, sectors = np.zeros((3, 3)), [], defaultdict(float)
+    for piece in pieces:
+        if isinstance(piece, Lathe):
+            directions += [piece.axes[:, 2], piece.origin]
+            sectors[piece.profile.tobytes()] += piece.half_angle
+        elif isinstance(piece, Hull):
+            directions += [*piece.points]
+        else:
+            return nothing
+    if any(abs(angle - math.pi) > _ON_AXIS for angle in sectors.values()):
+        return nothing
+    lengths = np.linalg.norm(directions, axis=1)
+    if not lengths.max() > _ON_AXIS:
+        return np.eye(3)
+    axis = directions[int(lengths.argmax())] / lengths.max()
+    away = np.linalg.norm(np.cross(axis, directions), axis=1).max()
+    return nothing if away > _ON_AXIS else np.outer(axis, axis)
 
 
 def lathe_pieces(profile: np.ndarray, tolerance: float, both_ways: bool = False) -> list[Lathe]:
