@@ -39,7 +39,10 @@ def add_evaluate_command(commands) -> None:
         help="folder for the results (default: evaluation_results, or evaluation_quick)",
     )
     parser.add_argument(
-        "--workers", type=int, metavar="N", help="processes on this machine (default: one per processor)"
+        "--executor",
+        metavar="KIND",
+        help="who computes: processes:N, or dask://HOST:PORT for a scheduler (default: a process for each"
+        " processor)",
     )
     parser.add_argument(
         "--seed", type=int, default=0, metavar="S", help="another one gives an independent sweep (default 0)"
@@ -75,12 +78,11 @@ def run(arguments: argparse.Namespace) -> int:
     from .experiments import DEFAULT, NAMES, experiment
     from .jobs import Settings
     from .methods import method_of, text_of
+    from .provenance import threads
     from .report import verdicts, write_report
     from .results import Results
     from .runner import run_jobs
 
-    if arguments.workers is not None and arguments.workers < 1:
-        raise InvalidOptionError("must be at least 1", field="--workers", value=arguments.workers)
     if arguments.seed < 0:
         raise InvalidOptionError("must not be negative", field="--seed", value=arguments.seed)
     lacks = [package for module, package in NEEDS.items() if find_spec(module) is None]
@@ -108,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
     with results.locked():
         if not arguments.report:
             try:
-                failures = run_jobs(jobs, results, arguments.workers)
+                failures = run_jobs(jobs, results, arguments.executor or f"processes:{threads()}")
             except KeyboardInterrupt:
                 print(
                     f"interrupted: what is finished is kept in {results.folder}; the same command goes on"

@@ -20,7 +20,7 @@ def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
         lambda settings: [job for job in every(settings) if job.parameters["section"] == "storage"],
     )
     folder = tmp_path / "results"
-    arguments = ["evaluate", "paper", "--quick", "--workers", "1", "-o", str(folder)]
+    arguments = ["evaluate", "paper", "--quick", "--executor", "processes:1", "-o", str(folder)]
     with monkeypatch.context() as patch:
         patch.setattr("tqdm.tqdm.update", interrupted)
         assert main(arguments) == 130
@@ -39,7 +39,7 @@ def test_an_experiment_named_alone(tmp_path, capsys, monkeypatch):
     ("arguments", "code", "sentence"),
     [
         (["papers"], ErrorCode.INVALID_OPTION, "experiment must be one of paper"),
-        (["--workers", "0"], ErrorCode.INVALID_OPTION, "--workers must be at least 1 (got 0)"),
+        (["--executor", "threads:2"], ErrorCode.INVALID_OPTION, "executor must be processes:N"),
         (["--seed", "-1"], ErrorCode.INVALID_OPTION, "--seed must not be negative (got -1)"),
         (["paper", "--method", "cloudy"], ErrorCode.UNKNOWN_PROPAGATOR, "propagator must be one of"),
         (["paper", "--method", "cloud run=9"], ErrorCode.INVALID_OPTION, "run is no option of cloud"),

@@ -123,7 +123,7 @@ def test_passing_through_is_told_from_bouncing():
 def test_command_judges_a_case(tmp_path, monkeypatch):
     monkeypatch.setattr(stability, "QUICK", ("fast_ball_too_soft", "overlap_coincident", "slow_approach"))
     monkeypatch.setattr(stability, "TRUTH", 100)
-    assert main(["evaluate", "stability", "--quick", "--workers", "1", "-o", str(tmp_path)]) == 0
+    assert main(["evaluate", "stability", "--quick", "--executor", "processes:1", "-o", str(tmp_path)]) == 0
     report = (tmp_path / "report.md").read_text()
     lines = {line.split(" | ")[0].strip("| "): line for line in report.splitlines() if line.startswith("| ")}
     assert "| 3 of 3 |" in lines["passes through nothing, or flagged"]

@@ -56,7 +56,7 @@ def in_a_pool(tmp_path_factory):
     results = Results(tmp_path_factory.mktemp("pool"))
     good = tiny_jobs()
     bad = Job("paper", {**good[0].parameters, "case": "mass"})
-    failures = run_jobs([bad, *good], results, workers=2)
+    failures = run_jobs([bad, *good], results, "processes:2")
     assert results.missing([bad, *good]) == [bad], "it stops no other"
     return results, bad, failures
 
@@ -78,8 +78,8 @@ def test_a_log_file_gets_lines_of_progress(tmp_path, capsys, monkeypatch):
 
     def lines(interval):
         monkeypatch.setattr(runner, "LOG_INTERVAL", interval)
-        monkeypatch.setattr(runner, "_finished_jobs", lambda executor, jobs, tick: results_of(jobs, tick))
-        run_jobs(tiny_jobs(), Results(tmp_path / str(interval)), workers=1)
+        monkeypatch.setattr(runner, "_finished_jobs", lambda workers, jobs, tick: results_of(jobs, tick))
+        run_jobs(tiny_jobs(), Results(tmp_path / str(interval)), None)
         return [line.strip() for line in capsys.readouterr().err.splitlines() if line.strip()]
 
     def results_of(jobs, tick):

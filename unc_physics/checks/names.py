@@ -36,6 +36,7 @@ _REMOVED = {
     "reduce": "was removed in version 0.3: leave it out; 'cloud' leaves common motion to a closed form",
     "smallest_first": "was removed in version 0.3: negate the score instead (~event)",
     "wait_for_compilation": "was removed in version 0.3: leave it out; all requests wait",
+    "--workers": "was removed in version 0.3: --executor processes:N takes N processes",
 }
 Class = TypeVar("Class", bound=type)
 Function = TypeVar("Function", bound=Callable[..., Any])
