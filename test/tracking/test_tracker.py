@@ -447,6 +447,10 @@ def test_a_prediction_does_not_blame_the_first_belief():
         tracker.correct(k / RATE, {"box0": measured(moved, rng)})
     prediction = tracker.ahead([0.1])
     assert not prediction["box0"].status().flags & Status.INITIAL_OVERLAP
+    # what the filter of an unknown velocity adds to the energy is no error of steps
+    spinning = UNKNOWN | {"position": RESTING[:3], "position_std": 0.002, "orientation_std": 0.02}
+    first = Tracker(scene, belief_of(scene, box0=spinning)).ahead([2.0])
+    assert not first["box0"].status().flags & Status.NOT_CONVERGED
     assert prediction["box0"].position == pytest.approx(moved[:3], abs=3e-3)
 
 
@@ -531,8 +535,10 @@ def test_bodies_at_rest_touch_what_they_rest_on():
         assert prediction.contact_time(Touches(*names)).mean == pytest.approx(0.0, abs=scene.dt)
 
 
-@pytest.mark.parametrize("gap", [1.0 / RATE, 0.2])
-def test_every_pose_without_an_effect_is_reported_as_rejected(gap):
+# of two that the filter explains the second one decides, as none counts for more than e^14 of the e^25 that
+# are needed; after a thirtieth of a second 14 cm are too far even for the filter, whose next pose agrees
+@pytest.mark.parametrize(("gap", "rejected"), [(1.0 / RATE, 2), (0.2, 1)])
+def test_every_pose_without_an_effect_is_reported_as_rejected(gap, rejected):
     can = load_model("can")
     foot = -float(can.bounds[0, 2])
     scene = Scene.everyday([RigidBody("can", can, 0.3)], exact=True, environment=[Plane(name="table")])
@@ -549,6 +555,5 @@ def test_every_pose_without_an_effect_is_reported_as_rejected(gap):
         report = tracker.correct(time, {"can": measured(pose([0.14, 0.0, foot]), rng)})
         without.append(np.array_equal(tracker.belief().mean, unseen.belief().mean))
         listed.append(report.rejected == ("can",))
-    assert listed == without
-    assert 1 <= sum(without) <= 4
+    assert listed == without == [True] * rejected + [False] * (8 - rejected)
     assert report.distance["can"] < 5.0
