@@ -188,6 +188,13 @@ def other_scenes():
     }
 
 
+def test_an_executor_changes_no_bit(ranking):
+    found = rank(SCENE, BELIEF, ACTIONS, ON_SHELF, HORIZON, rollouts=100, seed=3, executor="processes:2")
+    assert found.to_dict() == ranking.to_dict()
+    for one, other in zip(found, ranking, strict=True):
+        np.testing.assert_array_equal(one.prediction.samples(), other.prediction.samples())
+
+
 def test_each_answer_is_that_of_predict():
     """To the last bit, for all kinds of actions together: rollouts come in rounds, and do not interact."""
     cases = other_scenes()

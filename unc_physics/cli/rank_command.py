@@ -31,7 +31,7 @@ def add_rank_command(commands) -> None:
             " repeated, all events together"
         ),
     )
-    add_options(parser, "--horizon", "--time-limit", "--models", "--json")
+    add_options(parser, "--horizon", "--executor", "--time-limit", "--models", "--json")
     parser.add_argument(
         "--rollouts",
         type=int,
@@ -81,6 +81,7 @@ def run(arguments) -> int:
             rollouts=arguments.rollouts,
             budget=arguments.budget,
             seed=arguments.seed,
+            executor=arguments.executor,
             max_computation_time=limit,
             progress=show,
         )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +26,7 @@ from .actions import Action, about_action, after_actions
 from .compute_budget import ComputeBudget
 from .driver import run
 from .events import Event
+from .executors import AnyExecutor, Workers
 from .predict import prepare
 from .prediction import Prediction
 from .probability import sample_outcomes
@@ -34,6 +37,7 @@ from .tables import FEW_LINES, preformatted
 
 #: Share of `rollouts` for each action that the budget is by default, where that is more than two actions'.
 _BUDGET_SHARE = 0.2
+_CHUNK_TIME = 0.05  # s, of a worker's simulations: a round has few of them, and the next one waits for all
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +173,7 @@ def rank(
     rollouts: int = 1000,
     budget: int | None = None,
     seed: int = 0,
+    executor: AnyExecutor = None,
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Ranking:
@@ -202,12 +207,15 @@ def rank(
         may take.
     seed : int
         Of all draws. The ranking does not depend on the number of threads.
+    executor : concurrent.futures.Executor, callable or str, optional
+        Simulates the actions of a round, as in `predict_many`; by default this process. The ranking does not
+        depend on it.
     max_computation_time : float, optional
         Wall time after which the ranking ends with an error [s]; compiling kernels does not count.
     progress : callable, optional
-        Called every few hundredths of a second with the number of rollouts of the rounds done, and with the
-        budget. What it raises ends the ranking; an `UncPhysicsError` then has a ``prediction`` as that of
-        `PredictionTimeoutError`.
+        Called every few hundredths of a second, or every second with an executor, with the number of rollouts
+        of the rounds done, and with the budget. What it raises ends the ranking; an `UncPhysicsError` then
+        has a ``prediction`` as that of `PredictionTimeoutError`.
 
     Returns
     -------
@@ -244,7 +252,7 @@ def rank(
 
     candidates = after_actions(scene, belief, actions, candidate)
     limits = {"budget": budget, "max_computation_time": max_computation_time}
-    return rank_candidates(candidates, propagator, score, failed, **limits, progress=progress)
+    return rank_candidates(candidates, propagator, score, failed, executor, **limits, progress=progress)
 
 
 def rank_candidates(
@@ -252,6 +260,7 @@ def rank_candidates(
     propagator: Any,
     score: Event,
     failed: Callable[[str, UncPhysicsError], object],
+    executor: AnyExecutor = None,
     *,
     budget: int | None = None,
     max_computation_time: float | None = None,
@@ -279,42 +288,37 @@ def rank_candidates(
         if progress is not None:
             progress(halving.spent, most)
 
-    def simulated(name, limit):
-        scene, belief, marks = candidates[name]
-        earlier = ()
-        if name in found:
-            scene, earlier = found[name].prediction.scene, found[name].carries
-        else:
-            score.check(scene, "score")
-            scene = prepare(scene, belief, propagator, marks)
-        own = replace(propagator, samples=halving.count)
-        ends_early = scene.integrator != "explicit"  # the explicit step's kernels do not
-        time = ComputeBudget(allowed, started, limit if ends_early else None)
-        result = run(scene, belief, own, marks, time, None if progress is None else show, earlier=earlier)
-        prediction = Prediction(scene, own, result.snapshots, result.initial, result.start, clock() - started)
-        return _Simulated(prediction, (result.first, *(one.carry for one in result.snapshots)))
-
     def ranking():
         return Ranking(tuple(_ranked_actions(found, halving, score)), score, propagator.seed)
 
     try:
-        with time_limit() as limit:
+        with closing(Workers(executor, _CHUNK_TIME)) as workers:
             while halving.remaining:
+                own = replace(propagator, samples=halving.count)
+                left = None if allowed is None else allowed - (clock() - started)
+                work = partial(_simulated, own, score, left, show if workers.here and progress else None)
+                asked = [(name, candidates[name], found.get(name)) for name in halving.remaining]
+                if not (found or workers.here):
+                    _simulated(own, score, left, None, asked[0])  # compiles, and workers load
                 added = {}
-                for name in halving.remaining:
-                    try:
-                        added[name] = simulated(name, limit)
-                    except (PredictionTimeoutError, CanceledError):
-                        raise
-                    except UncPhysicsError as error:
-                        failed(name, error)
+                for _, (name, *_), result in workers.results(work, asked, show):
+                    if isinstance(result, UncPhysicsError):
+                        failed(name, result)
+                    else:
+                        added[name] = result
                 found |= added
-                halving.add({name: score.happened(one.outcomes) for name, one in added.items()})
+                halving.add(
+                    {
+                        name: score.happened(added[name].outcomes)
+                        for name in halving.remaining
+                        if name in added
+                    }
+                )
                 show()
     except UncPhysicsError as error:
         if isinstance(error, PredictionTimeoutError):
             when = f"after {halving.spent} rollouts of {most}" if halving.spent else "in the first round"
-            error = PredictionTimeoutError(f"ran out {when}", field=error.field, value=error.value)
+            error = PredictionTimeoutError(f"ran out {when}", field=error.field, value=allowed)
         error.prediction = ranking() if halving.spent else None
         raise error from None
     return ranking()
@@ -330,6 +334,32 @@ class _Simulated(NamedTuple):
     def outcomes(self):
         """Outcomes of the rollouts at the horizon."""
         return sample_outcomes(self.prediction.scene, self.prediction.initial, self.prediction.at())
+
+
+def _simulated(propagator, score, allowed, progress, asked) -> _Simulated | UncPhysicsError:
+    """Simulate a candidate to as many rollouts as the propagator has, within the allowed time [s].
+
+    Returns an error that is about the candidate.
+    """
+    started, (_, (scene, belief, marks), before) = clock(), asked
+    earlier, wall_time = (), 0.0
+    try:
+        if before is None:
+            score.check(scene, "score")
+            scene = prepare(scene, belief, propagator, marks)
+        else:
+            scene, earlier, wall_time = before.prediction.scene, before.carries, before.prediction.wall_time
+        with time_limit() as limit:
+            ends_early = scene.integrator != "explicit"  # the explicit step's kernels do not
+            time = ComputeBudget(allowed, started, limit if ends_early else None)
+            result = run(scene, belief, propagator, marks, time, progress, earlier=earlier)
+    except (PredictionTimeoutError, CanceledError):
+        raise
+    except UncPhysicsError as error:
+        return error
+    wall_time += clock() - started
+    prediction = Prediction(scene, propagator, result.snapshots, result.initial, result.start, wall_time)
+    return _Simulated(prediction, (result.first, *(one.carry for one in result.snapshots)))
 
 
 def _ranked_actions(found, halving, score):
