@@ -78,7 +78,7 @@ class Stream:
         """Predict an input, and adapt the rollouts of later ones to the time that it takes.
 
         ``predict`` takes the limit of that time [s], or None, and returns whether it published a prediction.
-        Returns how much longer it took [s].
+        Returns how much longer it took than twice the limit, by default the time between inputs [s].
         """
         began, counts = time.perf_counter(), self._server.diagnostics.predictions
         limit = pace.limit(self._server.settings.stream_time_budget)
@@ -90,7 +90,7 @@ class Stream:
             counts.warn(
                 f"late: a prediction took {took:.3g} s, and the stream's limit is {limit:.3g} s", Problem.LATE
             )
-        return took if limit is None else max(0.0, took - limit)
+        return took if limit is None else max(0.0, took - 2.0 * limit)
 
     def _replaced(self):
         self._server.diagnostics.predictions.add("replaced inputs")

@@ -353,7 +353,7 @@ class Tracking:
     def _predict(self, present):
         """Predict a fork for the stream's horizons; must not raise.
 
-        If it takes longer than its limit, a pause leaves time for the tracker. The newest belief waits
+        If it takes much longer than its limit, a pause leaves time for the tracker. The newest belief waits
         meanwhile.
         """
         with self._pending_lock:

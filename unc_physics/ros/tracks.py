@@ -353,7 +353,9 @@ class Tracks:
         """Return the tracked objects of a fork."""
         if self._tracker is None:
             return []
-        found = write_tracked(self._tracker.scene, self._tracker.belief(), self._tracker.status, self._seen)
+        found = write_tracked(
+            self._tracker.scene, self._tracker.belief(), self._tracker.statuses(), self._seen
+        )
         for message in found:
             message.model = self._models[message.id]
         return found
@@ -427,14 +429,14 @@ class Tracks:
         NotReadyError
             If nothing is known yet about how the object with the ``name`` moves by itself.
         """
-        scene, belief, tracker = self.scene, self._tracker.belief(), self._tracker
-        if name in self._states and (status := tracker.status(name)) not in (*_MOVING, TrackStatus.RESTING):
+        scene, belief, statuses = self.scene, self._tracker.belief(), self._tracker.statuses()
+        if name in self._states and (status := statuses[name]) not in (*_MOVING, TrackStatus.RESTING):
             reason = "moves in a way that physics does not explain yet; ask again"
             raise NotReadyError(f"{reason} (its status is {status.name})", field="object", value=name)
         supposed = [
             b
             for b in scene.moving.tolist()
-            if tracker.status(scene.bodies[b].name) in _MOVING and _may_rest(belief, b)
+            if statuses[scene.bodies[b].name] in _MOVING and _may_rest(belief, b)
         ]
         if not supposed:
             return [(scene, belief)]

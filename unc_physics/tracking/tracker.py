@@ -208,8 +208,11 @@ class Tracker:
 
     def status(self, name: str) -> TrackStatus:
         """Return the status of a moving body."""
-        statuses = statuses_at(self._tracked, self._state_at(self._time), self._time)
-        return statuses[self._moving_name(name, "name")]
+        return self.statuses()[self._moving_name(name, "name")]
+
+    def statuses(self) -> dict[str, TrackStatus]:
+        """Return the statuses of all moving bodies, by name."""
+        return statuses_at(self._tracked, self._state_at(self._time), self._time)
 
     def samples(self) -> np.ndarray:
         """Return the members' states (N, B, 13) at the tracker's time."""

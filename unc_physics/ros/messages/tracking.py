@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -112,7 +111,7 @@ def _delayed(path, delay):
 
 
 def write_tracked(
-    scene: Scene, belief: Belief, status: Callable[[str], TrackStatus], seen: dict[str, ObservationRecord]
+    scene: Scene, belief: Belief, statuses: dict[str, TrackStatus], seen: dict[str, ObservationRecord]
 ) -> list[TrackedObject]:
     """Return the messages of a tracker's moving bodies, in the order of the scene; without their models."""
     origins = np.array([writable(body.model.origin) for body in scene.bodies])
@@ -120,7 +119,7 @@ def write_tracked(
     means, blocks, found = writable(there.mean), writable(there.blocks), []
     for row, b in enumerate(scene.moving.tolist()):
         name = scene.bodies[b].name
-        message = TrackedObject(id=name, status=_CODES[status(name)])
+        message = TrackedObject(id=name, status=_CODES[statuses[name]])
         message.covariance = packed(write_state(message, means[b], blocks[row]))
         own = seen.get(name, ObservationRecord())
         message.last_seen = stamp_of(own.stamp)
