@@ -7,7 +7,7 @@ import hashlib
 import os
 import pickle
 import time
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -130,46 +130,41 @@ class AnswerStore:
         self._waiting, self._rows = [], 0
 
     def _table(self):
-        arrow, answers = self._arrow, [answer for answer, _ in self._waiting]
-        sizes = [answer.means.shape[:2] for answer in answers]
-        rows = [times * bodies for times, bodies in sizes]
-        states = np.concatenate([answer.means.reshape(-1, answer.means.shape[2]) for answer in answers])
-        P = np.concatenate([answer.covariances.reshape(-1, ERROR * ERROR) for answer in answers])
-        time_of_rows = [np.repeat(answer.times, size[1]) for answer, size in zip(answers, sizes, strict=True)]
-        of_events = arrow.struct(
-            [("event", arrow.string()), *((key, arrow.float64()) for key in ("estimate", "low", "high"))]
+        number, text, list_, arrow = (
+            self._arrow.float64(),
+            self._arrow.string(),
+            self._arrow.list_,
+            self._arrow,
         )
-
-        def of_answers(values, kind):
-            spread = [value for value, size in zip(values, rows, strict=True) for _ in range(size)]
-            return arrow.array(spread, kind)
-
-        def vectors(values):
-            flat = arrow.array(np.ascontiguousarray(values).ravel())
-            return arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
-
+        of_event = [("event", text), *((key, number) for key in ("estimate", "low", "high"))]
         columns = {
-            "number": of_answers([answer.number for answer in answers], arrow.int64()),
-            "request": of_answers([digest for _, digest in self._waiting], arrow.string()),
-            "seed": of_answers([answer.seed for answer in answers], arrow.int64()),
-            "time": np.concatenate(time_of_rows),
-            "body": arrow.array([name for answer in answers for _ in answer.times for name in answer.bodies]),
-            **{name: vectors(states[:, part]) for name, part in _STATE.items()},
-            "covariance": vectors(P),
-            "events": arrow.array(
-                [
-                    [
-                        {"event": event, "estimate": p.estimate, "low": p.low, "high": p.high}
-                        for event, p in found.items()
-                    ]
-                    for answer in answers
-                    for found in answer.probabilities
-                    for _ in answer.bodies
-                ],
-                arrow.list_(of_events),
-            ),
+            "number": arrow.int64(),
+            "request": text,
+            "seed": arrow.int64(),
+            "time": number,
+            "body": text,
         }
-        return arrow.table(columns)
+        columns |= {name: list_(number, part.stop - part.start) for name, part in _STATE.items()}
+        columns |= {"covariance": list_(number, ERROR * ERROR), "events": list_(arrow.struct(of_event))}
+        rows = [row for answer, digest in self._waiting for row in _rows(answer, digest)]
+        return arrow.Table.from_pylist(rows, arrow.schema(columns.items()))
+
+
+def _rows(answer, digest):
+    """Yield the rows of an answer."""
+    for k, time_of_row in enumerate(answer.times.tolist()):
+        events = [{"event": event, **asdict(p)} for event, p in answer.probabilities[k].items()]
+        for b, body in enumerate(answer.bodies):
+            yield {
+                "number": answer.number,
+                "request": digest,
+                "seed": answer.seed,
+                "time": time_of_row,
+                "body": body,
+                **{name: answer.means[k, b, part].tolist() for name, part in _STATE.items()},
+                "covariance": answer.covariances[k, b].ravel().tolist(),
+                "events": events,
+            }
 
 
 def fingerprint(request: Any) -> str:
