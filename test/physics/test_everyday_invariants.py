@@ -164,12 +164,16 @@ def random_scene(seed):
 
 def test_random_scenes_never_gain_energy():
     """Of what they have above their lowest place, which the floor or the plane below the bin bounds."""
-    gains, elastic = np.zeros(SCENES), np.zeros(SCENES, bool)
-    for seed in range(SCENES):
-        scene, start = random_scene(seed)
-        gains[seed], elastic[seed] = largest_gain(scene, start, 1.5), scene.restitution == 1.0
-    assert gains[~elastic].max() < 1e-3, np.flatnonzero(gains > 1e-3)
-    assert gains.max() < 0.08, "of impacts without loss that follow each other within a step"
+    gains = np.array([largest_gain(*random_scene(seed), 1.5) for seed in range(SCENES)])
+    assert gains.max() < 1e-3, np.flatnonzero(gains > 1e-3)
+
+
+@pytest.mark.parametrize("seed", [45, 50, 59])  # of bottles and bowls: up to 16 % more
+def test_elastic_impacts_with_friction_never_gain_energy(seed):
+    """Newton's restitution with friction would: a rebound at the speed wanted may need more than there is."""
+    scene, start = random_scene(seed)
+    assert scene.restitution == 1.0 and scene.friction > 0.0
+    assert largest_gain(scene, start, 1.5) < 1e-3
 
 
 @at_steps
@@ -184,16 +188,12 @@ def test_a_bowl_in_a_bowl_never_gains_energy(dt, mu):
 
 
 @pytest.mark.parametrize(
-    "body, wrong, most",
-    [
-        (solid_box("box", (0.1, 0.08, 0.06), 0.5), 0, 1.001),
-        (solid_box("flat box", (0.2, 0.15, 0.02), 0.5), 1, 1.001),
-        (CAN, 5, 1.05),
-    ],
-    ids=lambda part: getattr(part, "name", part),
+    "body",
+    [solid_box("box", (0.1, 0.08, 0.06), 0.5), solid_box("flat box", (0.2, 0.15, 0.02), 0.5), CAN],
+    ids=lambda body: body.name,
 )
-def test_elastic_tumbles_keep_their_energy(body, wrong, most):
-    """Of 60 random starts few lose or gain over 1 % in 2 s: their edges strike in turn within a step."""
+def test_elastic_tumbles_keep_their_energy(body):
+    """To 1 % in 2 s from 60 random starts: edges and rims strike in turn within a step."""
     rng = np.random.default_rng(17)
     scene = world(body, restitution=1.0, friction=0.0)
     kept = []
@@ -202,8 +202,7 @@ def test_elastic_tumbles_keep_their_energy(body, wrong, most):
         height, spin = rng.uniform(0.15, 0.5), rng.standard_normal(3) * 3
         start = state((0, 0, height), (0, 0, 0), spin, q / np.linalg.norm(q))[None]
         kept.append(energy(scene, run(scene, start, 2.0)) / energy(scene, start))
-    off = np.abs(np.array(kept) - 1) > 0.01
-    assert off.sum() <= wrong and max(kept) < most, np.round(np.array(kept)[off], 3)
+    assert min(kept) > 0.99 and max(kept) < 1.001, np.round(np.array(kept), 3)
 
 
 @at_steps

@@ -138,7 +138,7 @@ SLOW = 0.03  # m/s, contacts that close slower land without an impact; with .1, 
 SLOP = 2e-5  # m, depth that is left so that contacts at rest last, and motion up to which they are kept
 NEAR = 2e-4  # m, contacts that take part in an impact: flatness of machined faces
 CUTS = 8  # of a step at impacts, shared by the bodies of a group, but at least one; more cost time in piles
-IMPACTS_MOST, IMPACT_SWEEPS = 16, 50  # rounds over a group's pairs, and over the contacts of a pair
+IMPACTS_MOST, IMPACT_SWEEPS = 16, 100  # rounds over a group's pairs, and over the contacts of a pair
 PUSH, PUSH_MOST = 0.2, 0.1  # share of the depth that a substep takes out, and of error in that; most [m/s]
 # m, another contact's normal that parts two pieces up to this replaces their own, and a nearest point that is
 GHOST = 1e-4  # nearer than all corners by no more is no contact of its own

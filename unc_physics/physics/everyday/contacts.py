@@ -579,27 +579,22 @@ def _parting(C, k, Y, ra, rb):
 
 
 @inner
-def approach(C, k, Y, h, moved):
-    """Fill the gap as it looks for the next h, and BEND; return the normal speed of b, and the gap.
-
-    Unless bodies have ``moved`` only their velocities are new.
-    """
-    u = (0.0, 0.0, 0.0)
-    if moved or C[k, POINTED] > 0.0:
-        ra, rb, d = levers(C, k, Y, 0.0, NEARBY)
-        C[k, GAP] = C[k, GAP0] + d
-        sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
-        ra, rb = plus(ra, sa), plus(rb, sb)
-        if C[k, POINTED] > 0.0:
-            _aim(C, k, apart)
-            u = _parting(C, k, Y, ra, rb)
-            u = minus(u, times(dot(u, e), e))
-        _place_arms(C, k, ra, rb)
-        write(C, k, SURFACE_U, three(C, k, BELT_U))
-        if C[k, POINTED] > 0.0:
-            C[k, GAP], now = _passing(C, k, apart, u, h)
-            C[k, BEND] = 0.0
-            return dot(three(C, k, NORMAL), u) - C[k, BELT_U], now
+def approach(C, k, Y, h):
+    """Fill the gap as it looks for the next h, and BEND; return the normal speed of b, and the gap."""
+    ra, rb, d = levers(C, k, Y, 0.0, NEARBY)
+    sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
+    ra, rb = plus(ra, sa), plus(rb, sb)
+    if C[k, POINTED] > 0.0:
+        _aim(C, k, apart)
+    _place_arms(C, k, ra, rb)
+    write(C, k, SURFACE_U, three(C, k, BELT_U))
+    if C[k, POINTED] > 0.0:
+        u = _parting(C, k, Y, ra, rb)
+        u = minus(u, times(dot(u, e), e))
+        C[k, GAP], now = _passing(C, k, apart, u, h)
+        C[k, BEND] = 0.0
+        return dot(three(C, k, NORMAL), u) - C[k, BELT_U], now
+    C[k, GAP] = C[k, GAP0] + d
     speed = closing(Y, C, k)
     C[k, BEND] = _bend(C, k, Y, speed + C[k, BELT_U], h)
     return speed, C[k, GAP]

@@ -48,7 +48,6 @@ from .columns import (
     SWEEPS,
     TAN1,
     TAN2,
-    TOLERANCE,
     TWIST,
     VEL,
     WARM,
@@ -197,15 +196,15 @@ def _extrapolate(first, last, C, Y, more):
 
 
 @inner(noinline=True, error_model="numpy")
-def solve(first, last, C, Y, h):
-    """Sweep until speeds change little, and extrapolate what converges slowly; return how many."""
+def solve(rounds, first, last, C, Y, h, tolerance):
+    """Sweep until speeds change by less, and extrapolate what converges slowly; return how many."""
     before = 0.0
-    for r in range(SWEEPS):
+    for r in range(rounds):
         turn = r % BETWEEN if r > BETWEEN else 0  # at 1 and 2 changes are measured, and their ratio after 2
         if turn == 1 or turn == 2:
             for k in range(first, last):
                 write(C, k, BEFORE, three(C, k, LN))
-        if sweep(first, last, C, Y, h) < TOLERANCE:
+        if sweep(first, last, C, Y, h) < tolerance:
             return r + 1
         if turn == 1 or turn == 2:
             now = 0.0
@@ -216,7 +215,7 @@ def solve(first, last, C, Y, h):
             before = now
             if turn == 2 and EXTRAPOLATE < ratio < 1.0:
                 _extrapolate(first, last, C, Y, min(ratio / (1.0 - ratio), FARTHEST))
-    return SWEEPS
+    return rounds
 
 
 @inner(noinline=True)

@@ -57,6 +57,7 @@ from .columns import (
     SURFACE_A,
     SWEEPS,
     TILTED,
+    TOLERANCE,
     TRAVEL,
     TURN,
     TURNED,
@@ -174,10 +175,10 @@ def _advance(first, last, members, begin, end, actions, own, work):
         h = min(longest, end - now)
         if driven:
             drive(now, now + _AT_ONCE * dt, Y, actions, own, states)
-        soon, deep = _refresh(first, last, C, Y, h, True)
+        soon, deep = _refresh(first, last, C, Y, h)
         if soon <= _AT_ONCE * dt or (soon <= h and cuts == 0):
             impacts(first, last, C, Y, par, own.key, work.count)
-            soon, deep = _refresh(first, last, C, Y, h, False)
+            soon, deep = _refresh(first, last, C, Y, h)
         if _AT_ONCE * dt < soon <= h and cuts > 0:
             h, cuts = soon, cuts - 1
             work.count[CUT] += 1
@@ -238,22 +239,22 @@ def _meets(C, k, u, acc, h):
 
 
 @inner(noinline=True)
-def _refresh(first, last, C, Y, h, moved):
+def _refresh(first, last, C, Y, h):
     """Bring the gaps of a group's contacts up to date; return when an impact is, and whether any is deep.
 
-    Contacts that have an impact within h wait. Unless bodies have ``moved`` only their velocities are new.
+    Contacts that have an impact within h wait.
     """
     soon, deep = math.inf, False
     for k in range(first, last):
         a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-        u, gap = approach(C, k, Y, h, moved)
+        u, gap = approach(C, k, Y, h)
         acc = three(Y, b, ACCEL)
         if Y[a, IMASS] > 0.0:
             acc = minus(acc, three(Y, a, ACCEL))
         t = _meets(C, k, u, dot(acc, three(C, k, NORMAL)) + C[k, BEND], h)
         if C[k, GAP] < FAR:
-            # what falls and does not get here goes by the mean of its present velocity and its new one
-            C[k, GAP] = max(gap, 2.0 * gap + h * u) if t > h and u < -landing(C, k) else gap
+            # what falls and does not get here, or leaves, goes by the mean of its velocities now and then
+            C[k, GAP] = max(gap, 2.0 * gap + h * u) if t > h and abs(u) > landing(C, k) else gap
         C[k, MODE] = WAITS if t <= h else HOLDS
         soon = min(soon, t)
         deep = deep or gap < -SLOP
@@ -289,7 +290,7 @@ def _prepare(first, last, members, C, Y, t):
 @inner
 def _hold(first, last, members, C, Y, h, matrix, count):
     """Find contact impulses: by sweeps, and where these run out and masses differ much, directly."""
-    r = solve(first, last, C, Y, h)
+    r = solve(SWEEPS, first, last, C, Y, h, TOLERANCE)
     count[VISITS] += r * (last - first)
     if r == SWEEPS and 1 < last - first <= DIRECT_MOST:
         light, heavy = 0.0, math.inf  # inverse masses
@@ -317,7 +318,7 @@ def _rests(first, last, members, C, Y, dt):
             return False
         if C[k, WARM + 1] ** 2 + C[k, WARM + 2] ** 2 > (_WITHIN * C[k, MU] * C[k, WARM]) ** 2:
             return False
-        approach(C, k, Y, dt, True)
+        approach(C, k, Y, dt)
         bear(Y, C, k, three(C, k, WARM), three(C, k, WARM_MOMENT), PUSH_V, PUSH_W)
     for i in members:
         if _pace(Y, i, PUSH_V, PUSH_W) > HELD:
