@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics import RigidBody, load_model
 from unc_physics.shapes import pieces as shapes
+from unc_physics.shapes.revolution import lathe_pieces
 
 law = Laws()
 
@@ -63,6 +64,40 @@ def round_bodies_roll_without_loss(dt):
         scene = world(*bodies, dt=dt, restitution=0.1, environment=around)
         start = [rolling(0.5, 0.038, (-0.6, 0, 0.038)), state((0, 0, -0.05))][: len(bodies)]
         yield f"can on {what}: share after 2 s", 1, run(scene, start, 2.0)[0, 3] / 0.5, 0.005
+
+
+@law
+def balls_roll_in_a_bowl(dt):
+    """A ball returns to its height; small swings take 2 pi sqrt(1.4 (R - r) / g); a circle stays level.
+
+    A bowl of 160 mm with a wall of 6 mm has 32 pieces, whose sides are chords that are 4 mm deep.
+    """
+    turn = np.linspace(0.0, 0.5 * math.pi, 25)
+    circle = np.column_stack([np.sin(turn), -np.cos(turn)])
+    pieces = lathe_pieces(np.concatenate([0.08 * circle, 0.074 * circle[::-1]]), 4.4e-3)
+    assert len(pieces) <= 32
+    bowl = RigidBody("bowl", model(pieces, [1, 1, 1]), 1.0, fixed=True)
+    for radius in (0.003, 0.01, 0.03):
+        arm = 0.074 - radius
+        for mu in (0.0, 0.5):
+            scene = world(
+                solid_ball("b", radius, 0.03), bowl, dt=dt, friction=mu, restitution=0.1, environment=()
+            )
+            start = state((arm * math.sin(0.7), 0, -arm * math.cos(0.7)))
+            heights = arm + course(scene, [start, state()], np.arange(20, 161) * 0.01)[:, 0, 2]
+            name = f"ball of {MM * radius:g} mm, mu {mu:g}"
+            yield f"{name}: share of its height", 1, heights.max() / (arm + start[2]), 0.03
+        start = state((arm * math.sin(0.02), 0, -arm * math.cos(0.02)))
+        times = np.arange(1, 801) * 0.001
+        x = course(scene, [start, state()], times)[:, 0, 0]
+        half = times[np.flatnonzero(x < 0)[0]]
+        yield f"{name}: quarter of a swing [s]", 0.5 * math.pi * math.sqrt(1.4 * arm / G), half, 0.006
+    arm, speed = 0.064, math.sqrt(G * 0.064 * math.sin(0.7) * math.tan(0.7))
+    scene = world(solid_ball("b", 0.01, 0.03), bowl, dt=dt, friction=0.0, environment=())
+    start = state((arm * math.sin(0.7), 0, -arm * math.cos(0.7)), (0, speed, 0))
+    heights = course(scene, [start, state()], np.arange(1, 101) * 0.02)[:, 0, 2]
+    yield "circle: highest rise [mm]", 0, MM * (heights - start[2]).max(), 0.3
+    yield "circle: deepest fall [mm]", 0, MM * (heights - start[2]).min(), 0.3
 
 
 @law

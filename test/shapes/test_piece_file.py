@@ -1,5 +1,7 @@
 """Pieces in model files: round trip, old files, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -59,6 +61,21 @@ def test_files_have_a_version_and_old_ones_load(tmp_path):
         load_packing(path)
 
 
+def test_arcs_are_kept_scaled_and_missing_in_older_files(tmp_path):
+    path = tmp_path / "bowl.npz"
+    arcs = [[[0.04, 0.0, -0.6, 0.8], [0.05, 0.02, -0.8, 0.6]]]
+    ring = Lathe([[0.04, 0.0], [0.06, 0.0], [0.05, 0.02]], half_angle=0.5, arcs=arcs)
+    save_packing(path, model([ball(0.1), ring]))
+    assert_equal(load_packing(path).pieces, [ball(0.1), ring])
+    np.testing.assert_array_equal(ring.scaled(2.0).arcs[..., :2], 2.0 * ring.arcs[..., :2])
+    np.testing.assert_array_equal(ring.scaled(2.0).arcs[..., 2:], ring.arcs[..., 2:])
+    older = {key: value for key, value in np.load(path).items() if "arc" not in key}
+    np.savez(path, **older)
+    assert_equal(load_packing(path).pieces, [ball(0.1), replace(ring, arcs=())])
+    with pytest.raises(UncPhysicsError, match="arcs must have normals of length 1"):
+        Lathe([[0.04, 0.0], [0.06, 0.0], [0.05, 0.02]], arcs=np.ones((1, 2, 4)))
+
+
 def test_spheres_without_inertia_take_the_pieces_to_their_centroid(tmp_path):
     path = tmp_path / "far.npz"
     np.savez(path, centers=[[1.0, 2.0, 3.0]], radii=[0.1], **piece_entries([ball(0.1, (1.0, 2.0, 3.0))]))
@@ -115,6 +132,8 @@ def changed(key, at, value):
         (changed("piece_points", 0, 0.4), "piece 0: faces must bound the convex hull of the points"),
         (changed("piece_rounding", 1, -1.0), "piece 1: rounding must not be negative"),
         (changed("piece_axes", (1, 0, 0), 2.0), "piece 1: axes must be a rotation matrix"),
+        ({k: v for k, v in BOX.items() if k != "piece_arcs"}, "piece_arcs is missing"),
+        (changed("piece_arc_counts", 1, 1), "piece_arc_counts must have the sum 0"),
         (changed("piece_sector", (1, 1), 3.0), "piece 1: half_angle must be pi"),
     ],
 )

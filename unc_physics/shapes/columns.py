@@ -18,12 +18,14 @@ KIND, OWNER = 0, 1
 ROUNDING = 2  # radius of the ball that sweeps the core [m]
 CENTER, RADIUS, HALF_EXTENT = 3, 6, 7  # bounding sphere; half edges of the bounding box; body axes [m]
 FIRST_POINT, LAST_POINT, FIRST_FACE, LAST_FACE = 10, 11, 12, 13  # ranges of rows; the last is exclusive
-ORIGIN, AXES = 14, 17  # lathe: a point on its axis, and its axes as columns of a rotation matrix, body axes
-AZIMUTH, COS_HALF, SIN_HALF = 26, 28, 29  # lathe: direction of a sector's middle (x, y); its half-angle
-PIECE = 30
+FIRST_ARC, LAST_ARC = 14, 15  # lathe: range of the rows of its arcs
+ORIGIN, AXES = 16, 19  # lathe: a point on its axis, and its axes as columns of a rotation matrix, body axes
+AZIMUTH, COS_HALF, SIN_HALF = 28, 30, 31  # lathe: direction of a sector's middle (x, y); its half-angle
+PIECE = 32
 
 #: Row of a point: coordinates in body axes; of a lathe radius, zero and height in its own axes.
 #: Row of a face: outward normal, then the range of rows of its corners; of a lathe an edge of the profile.
+#: Two rows of an arc: radius and height of its ends, and radial and axial part of the normals there.
 CORNERS_FROM, CORNERS_TO = 3, 4
 ROW = 5
 

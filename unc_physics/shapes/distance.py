@@ -16,6 +16,7 @@ from ..compiler.arrays import empty
 from ..spatial.rotation import cross, rotation_matrix
 from ..spatial.vectors import dot, minus, plus, times, triple
 from .columns import FRAME, HALF_SPACE, KIND, POSITION, RADIUS, ROTATION, ROUNDING
+from .hollow import hollow_contact
 from .nearest import drawn_apart, nearest
 from .pieces import joined, piece_arrays
 from .support import center, get, put, support, unit
@@ -151,7 +152,8 @@ def least_gap(a, b, far, base, frames, pieces, rows, work, polytope):
         if other > gap:
             p, q = plus(s, times(pieces[a, ROUNDING], m)), minus(t, times(pieces[b, ROUNDING], m))
             gap, n = other, m
-    return gap, n, p, q
+        gap, n, p, q, _ = hollow_contact(a, b, gap, n, p, q, True, base, frames, pieces, rows)
+    return hollow_contact(a, b, gap, n, p, q, False, base, frames, pieces, rows)[:4]
 
 
 @kernel

@@ -22,8 +22,11 @@ KEYS = {
     "piece_face_counts": ("n",),
     "piece_face_sizes": ("f",),
     "piece_face_corners": ("c",),
+    "piece_arc_counts": ("n",),
+    "piece_arcs": ("a", 2, 4),
 }
-_COUNTS = "piece_sizes", "piece_face_counts", "piece_face_sizes", "piece_face_corners"
+_ADDED = "piece_arc_counts", "piece_arcs"  # files made before these have none of them
+_COUNTS = "piece_sizes", "piece_face_counts", "piece_face_sizes", "piece_face_corners", "piece_arc_counts"
 #: Most pieces of a file, and most points and corners of faces of all.
 PIECES_LIMIT, POINTS_LIMIT = 10_000, 1_000_000
 #: Most numbers of each key.
@@ -55,6 +58,7 @@ def piece_entries(pieces: Sequence[Piece]) -> dict[str, np.ndarray]:
             points.append(np.column_stack([radius, np.zeros(len(radius)), height]))
             lathes.append((piece.origin, piece.axes, (piece.azimuth, piece.half_angle)))
     corners = [face for some in faces for face in some]
+    arcs = [piece.arcs if isinstance(piece, Lathe) else np.zeros((0, 2, 4)) for piece in pieces]
     return {
         "piece_kind": np.array(kinds, np.int64),
         "piece_rounding": np.array([piece.rounding for piece in pieces if not isinstance(piece, HalfSpace)]),
@@ -66,6 +70,8 @@ def piece_entries(pieces: Sequence[Piece]) -> dict[str, np.ndarray]:
         "piece_face_counts": np.array([len(some) for some in faces], np.int64),
         "piece_face_sizes": np.array([len(face) for face in corners], np.int64),
         "piece_face_corners": np.concatenate([np.zeros(0, np.int64), *corners]),
+        "piece_arc_counts": np.array([len(some) for some in arcs], np.int64),
+        "piece_arcs": np.concatenate(arcs),
     }
 
 
@@ -79,6 +85,9 @@ def pieces_of_entries(entries: Mapping[str, np.ndarray]) -> tuple[Piece, ...]:
     """
     values = {}
     sizes: dict[str, int] = {}
+    if not any(key in entries for key in _ADDED) and "piece_kind" in entries:
+        none = np.zeros(np.shape(entries["piece_kind"])), np.zeros((0, 2, 4))
+        entries = {**entries, **dict(zip(_ADDED, none, strict=True))}
     for key, shape in KEYS.items():
         if key not in entries:
             raise InvalidModelError("is missing, as other keys of pieces are there", field=key)
@@ -102,6 +111,7 @@ def pieces_of_entries(entries: Mapping[str, np.ndarray]) -> tuple[Piece, ...]:
         "faces",
         "piece_face_counts",
     )
+    arcs = _split(values, "piece_arcs", "piece_arc_counts")
     pieces: list[Piece] = []
     for k, kind in enumerate(values["piece_kind"].tolist()):
         rounding = values["piece_rounding"][k]
@@ -111,7 +121,8 @@ def pieces_of_entries(entries: Mapping[str, np.ndarray]) -> tuple[Piece, ...]:
             elif kind == LATHE:
                 azimuth, half = values["piece_sector"][k]
                 origin, axes = values["piece_origin"][k], values["piece_axes"][k]
-                pieces.append(Lathe(points[k][:, [0, 2]], rounding, origin, axes, azimuth, half))
+                profile = points[k][:, [0, 2]]
+                pieces.append(Lathe(profile, rounding, origin, axes, azimuth, half, arcs[k]))
             else:
                 raise InvalidModelError(
                     f"must be {HULL} (hull) or {LATHE} (lathe)", field="piece_kind", value=kind

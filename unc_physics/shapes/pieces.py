@@ -24,12 +24,14 @@ from .columns import (
     CORNERS_FROM,
     CORNERS_TO,
     COS_HALF,
+    FIRST_ARC,
     FIRST_FACE,
     FIRST_POINT,
     HALF_EXTENT,
     HALF_SPACE,
     HULL,
     KIND,
+    LAST_ARC,
     LAST_FACE,
     LAST_POINT,
     LATHE,
@@ -139,6 +141,10 @@ class Lathe:
     azimuth, half_angle : float
         Middle of the sector about the third axis, from the first one, and half of its angle [rad]; pi is a
         whole turn, and at most pi / 2 is a sector.
+    arcs : (k, 2, 4) array
+        Parts of the profile of a hollow surface that flat sides of the piece stand for: radius and height of
+        both ends [m], and radial and axial part of the outward normals there. Gaps and normals of contacts
+        are those of the arcs' turn.
 
     Raises
     ------
@@ -153,6 +159,7 @@ class Lathe:
     axes: Array = array_field(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     azimuth: float = 0.0
     half_angle: float = math.pi
+    arcs: Array = array_field(())
 
     def __post_init__(self):
         profile = numbers(self.profile, "profile", InvalidModelError)
@@ -182,7 +189,7 @@ class Lathe:
             profile = _closed(_convex_profile(profile, "profile"))
         profile = _convex_profile(profile, "profile")
         stored = {"profile": profile, "rounding": rounding, "origin": origin, "axes": axes}
-        stored |= {"azimuth": azimuth, "half_angle": min(half, math.pi)}
+        stored |= {"azimuth": azimuth, "half_angle": min(half, math.pi), "arcs": _checked_arcs(self.arcs)}
         for name, value in stored.items():
             object.__setattr__(self, name, value)
             if isinstance(value, np.ndarray):
@@ -202,7 +209,8 @@ class Lathe:
 
     def scaled(self, s: float) -> Lathe:
         """Return the piece with all lengths multiplied by ``s``."""
-        return replace(self, profile=self.profile * s, rounding=self.rounding * s, origin=self.origin * s)
+        lengths = {"profile": self.profile * s, "rounding": self.rounding * s, "origin": self.origin * s}
+        return replace(self, **lengths, arcs=self.arcs * [s, s, 1.0, 1.0])
 
     def outline(self) -> np.ndarray:
         """Return points (n, 3) whose hull, swept by the ball, contains the piece."""
@@ -294,6 +302,17 @@ def frustum(bottom: float, top: float, length: float) -> Lathe:
     """Return a cone or frustum along z about the origin, with its radii at the bottom and the top [m]."""
     h = 0.5 * length
     return Lathe([[0.0, -h], [bottom, -h], [top, h], [0.0, h]])
+
+
+def _checked_arcs(arcs):
+    arcs = numbers(arcs, "arcs", InvalidModelError)
+    arcs = array(
+        arcs, (len(arcs) if arcs.ndim else 0, 2, 4) if arcs.size else arcs.shape, "arcs", InvalidModelError
+    )
+    arcs = arcs.reshape(-1, 2, 4)
+    if np.any(np.abs(np.linalg.norm(arcs[:, :, 2:], axis=2) - 1.0) > 1e-6):
+        raise InvalidModelError("must have normals of length 1", field="arcs")
+    return arcs
 
 
 def _hull(points):
@@ -498,6 +517,7 @@ def piece_arrays(bodies: Sequence[Sequence[Piece]]) -> PieceArrays:
             row[FIRST_FACE], row[LAST_FACE] = add(
                 [(*normal, *between) for (normal, _), between in zip(faces, ranges, strict=True)]
             )
+            row[FIRST_ARC], row[LAST_ARC] = add(piece.arcs.reshape(-1, 4) if isinstance(piece, Lathe) else ())
             pieces.append(row)
         first.append(len(pieces))
     return PieceArrays(
@@ -513,7 +533,7 @@ def joined(bodies: Sequence[PieceArrays]) -> PieceArrays:
         pieces.append(body.pieces.copy())
         rows.append(body.rows.copy())
         pieces[-1][:, OWNER] += owners
-        pieces[-1][:, FIRST_POINT : LAST_FACE + 1] += points
+        pieces[-1][:, FIRST_POINT : LAST_ARC + 1] += points
         is_face = rows[-1][:, CORNERS_TO] > 0.0
         rows[-1][is_face, CORNERS_FROM : CORNERS_TO + 1] += points
         points += len(body.rows)

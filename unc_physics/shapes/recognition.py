@@ -405,7 +405,7 @@ def _few(profile, most, finest) -> Sequence[Piece]:
 
 
 def _cut(profile, hollow):
-    return lathe_pieces(_simplified(profile, _SHARE * hollow), (1.0 - 2.0 * _SHARE) * hollow, both_ways=True)
+    return lathe_pieces(_simplified(profile, _SHARE * hollow), (1.0 - 2.0 * _SHARE) * hollow)
 
 
 def _simplified(profile, tolerance):

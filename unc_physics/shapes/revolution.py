@@ -13,6 +13,10 @@ from .pieces import Hull, Lathe, Piece, convex_outline
 _SAMPLES = 24  # points of each edge at which it is checked whether a hull sticks out
 _LEVEL = 1e-12  # share of the squared size: smaller areas count as zero
 _ON_AXIS = 1e-7  # distance from the axis [m], or angle [rad], that is round-off
+_SMOOTH = 0.9  # cosine of the angle between two edges of a smooth profile (26 degrees), at least
+_BULGE = 1e-3  # share of the extent by which arcs are off their chords, at most; corners are sharp otherwise
+_STRAIGHT = 4.0  # ratio of lengths of neighbouring edges from which the longer one is straight
+_NEIGHBOURS = 0.125  # share of the extent by which arcs go on beyond a piece, at least
 _SECTORS = 1 << 12  # of a ring, at most; a tolerance that needs more is not met
 
 
@@ -42,7 +46,7 @@ def turns(pieces: tuple[Piece, ...]) -> np.ndarray:
     return nothing if away > _ON_AXIS else np.outer(axis, axis)
 
 
-def lathe_pieces(profile: np.ndarray, tolerance: float, both_ways: bool = False) -> list[Lathe]:
+def lathe_pieces(profile: np.ndarray, tolerance: float) -> list[Lathe]:
     """Return the pieces of a solid of revolution about z.
 
     Fewer parts of the profile are wider, and their rings need more sectors: of all numbers of parts, the one
@@ -54,9 +58,6 @@ def lathe_pieces(profile: np.ndarray, tolerance: float, both_ways: bool = False)
         Simple polygon of radius and height that bounds the solid's half section [m].
     tolerance : float
         Largest distance by which pieces may stick out of the solid, where it is hollow [m].
-    both_ways : bool
-        Whether hollow sides lie half of this distance too far out and half too far in, as far as walls are
-        thick enough. Otherwise pieces cover the solid.
 
     Returns
     -------
@@ -70,52 +71,76 @@ def lathe_pieces(profile: np.ndarray, tolerance: float, both_ways: bool = False)
         for part in frozenset().union(*stages)
     }
     fewest = min(stages, key=lambda parts: sum(counts[part] for part in parts))
-    corners = _recessed(profile, fewest, counts) if both_ways else profile
     pieces = []
+    normals = _normals(profile)
     for part in fewest:
-        outline = [k for k in _numbers(convex_outline(profile[sorted(part)]), profile, part) if k is not None]
-        pieces += _turned(convex_outline(corners[outline]), counts[part])
+        arcs = _arcs(profile, part, fewest, counts[part], normals)
+        pieces += _turned(convex_outline(profile[sorted(part)]), counts[part], arcs)
     return pieces
 
 
-def _numbers(points, profile, part):
-    """Return the number of each point among a part's corners of a profile, or None."""
-    numbers = {(*profile[k],): k for k in part}
-    return [numbers.get((*point,)) for point in points]
+def _normals(profile):
+    """Return outward normals (k, 2, 2) of a profile at both ends of each edge; equal ones where it is smooth.
 
-
-def _recessed(profile, parts, counts):
-    """Return a profile whose hollow corners are moved into the solid, by half of what pieces stick out there.
-
-    Corners of the solid's convex hull stay, on which it stands, and one that would come close to the other
-    side of a thin wall moves less.
+    At a corner of a circle the normal is the mean of those of the edges, weighted by each other's length. A
+    much longer edge is straight, and has its own.
     """
-    way, depth = np.zeros_like(profile), np.zeros(len(profile))
-    for part in parts:
-        corners, count = profile[sorted(part)], counts[part]
-        hull = convex_outline(corners if count > 1 else np.concatenate([corners, corners * [0.0, 1.0]]))
-        numbers = _numbers(hull, profile, part)
-        for k, (a, b) in enumerate(zip(hull, np.roll(hull, -1, axis=0), strict=True)):
-            ends = {number for number in (numbers[k], numbers[(k + 1) % len(hull)]) if number is not None}
-            if len(ends) == 2 and any(ends <= other for other in parts if other is not part):
-                continue  # a seam
-            points = a + ((np.arange(_SAMPLES) + 0.5) / _SAMPLES)[:, None] * (b - a)
-            out = np.array([b[1] - a[1], a[0] - b[0]])
-            height = _outside(points, profile).max()
-            if out[0] < 0.0 and count > 1:
-                height = max(height, _outside(points * [math.cos(math.pi / count), 1.0], profile).max())
-            if height > 0.0:
-                ends = list(ends)
-                way[ends] -= out / np.linalg.norm(out)
-                depth[ends] = np.maximum(depth[ends], height)
-    step = 0.5 * depth[:, None] * way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
-    step[profile[:, 0] == 0.0, 0] = 0.0
-    outer = {(*point,) for point in convex_outline(np.concatenate([profile, profile * [-1.0, 1.0]]))}
-    step[[(*point,) in outer for point in profile]] = 0.0
-    share = np.zeros(len(profile))
-    for one in (0.125, 0.25, 0.5, 1.0):
-        share = np.where(_outside(profile + (1.5 * one) * step, profile) == 0.0, one, share)
-    return profile + share[:, None] * step
+    along = np.roll(profile, -1, axis=0) - profile
+    length = np.linalg.norm(along, axis=1)
+    own = np.column_stack([along[:, 1], -along[:, 0]]) / length[:, None]
+    before, shorter = np.roll(own, 1, axis=0), np.roll(length, 1)
+    mean = before * length[:, None] + own * shorter[:, None]
+    mean = np.where((length > _STRAIGHT * shorter)[:, None], own, mean)
+    mean = np.where((shorter > _STRAIGHT * length)[:, None], before, mean)
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    cosine = np.einsum("ij,ij->i", before, own)
+    wide = np.minimum(np.maximum(length, shorter), _STRAIGHT * np.minimum(length, shorter))
+    bulge = wide * np.arccos(np.clip(cosine, -1.0, 1.0)) / 8.0
+    smooth = (cosine > _SMOOTH) & (bulge < _BULGE * float(np.ptp(profile, axis=0).max()))
+    start, end = (
+        np.where(smooth[:, None], mean, own),
+        np.roll(np.where(smooth[:, None], mean, before), -1, axis=0),
+    )
+    tips = np.sign(own) * [0.0, 1.0]
+    start = np.where(((profile[:, 0] == 0.0) & (np.abs(own[:, 1]) > _SMOOTH))[:, None], tips, start)
+    following = np.roll(profile[:, 0], -1)
+    end = np.where(((following == 0.0) & (np.abs(own[:, 1]) > _SMOOTH))[:, None], tips, end)
+    return np.stack([start, end], axis=1)
+
+
+def _arcs(profile, part, parts, count, normals):
+    """Return the arcs (n, 2, 4) that sides of a part of a profile stand for: inner ones and chords.
+
+    Neighbouring arcs follow, where the surface is smooth, as far again on either side.
+    """
+    numbers = {(*profile[k],): k for k in part}
+    corners = [numbers[(*point,)] for point in convex_outline(profile[sorted(part)])]
+    found = set()
+    length = np.linalg.norm(np.roll(profile, -1, axis=0) - profile, axis=1)
+    least = _NEIGHBOURS * float(np.ptp(profile, axis=0).max())
+    for i, j in zip(corners, [*corners[1:], corners[0]], strict=True):
+        edges = (j - i) % len(profile)
+        inwards = count > 1 and profile[j, 1] < profile[i, 1]
+        if any({i, j} <= other for other in parts if other is not part) or not (edges > 1 or inwards):
+            continue  # a seam, or the surface itself
+        chain = [(i + k) % len(profile) for k in range(edges)]
+        reach = max(least, length[chain].sum())
+        found.update(chain)
+        for k, step in ((chain[0], -1), (chain[-1], 1)):
+            way = 0.0
+            while way < reach:
+                a, b = (k - 1, k) if step < 0 else (k, (k + 1) % len(profile))
+                if normals[a, 1] @ normals[b, 0] < 1.0 - 1e-9:
+                    break
+                k = (k + step) % len(profile)
+                if k in found:
+                    break
+                found.add(k)
+                way += length[k]
+    ends = [(k, (k + 1) % len(profile)) for k in sorted(found)]
+    return np.array(
+        [[[*profile[a], *normals[a, 0]], [*profile[b], *normals[a, 1]]] for a, b in ends]
+    ).reshape(-1, 2, 4)
 
 
 def _count(part, profile, tolerance):
@@ -139,12 +164,12 @@ def _count(part, profile, tolerance):
     return high
 
 
-def _turned(part, count):
+def _turned(part, count, arcs):
     """Return a convex part of a profile as one whole lathe or as sectors."""
     if count == 1:
-        return [Lathe(convex_outline(np.concatenate([part, part * [0.0, 1.0]])))]
+        return [Lathe(convex_outline(np.concatenate([part, part * [0.0, 1.0]])), arcs=arcs)]
     half = math.pi / count
-    return [Lathe(part, azimuth=half * (2 * k + 1), half_angle=half) for k in range(count)]
+    return [Lathe(part, azimuth=half * (2 * k + 1), half_angle=half, arcs=arcs) for k in range(count)]
 
 
 def convex_parts(polygon: np.ndarray, tolerance: float) -> list[np.ndarray]:

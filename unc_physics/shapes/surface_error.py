@@ -25,6 +25,8 @@ _RAY = 0.5406, 0.3127, 0.7810
 class SurfaceError(NamedTuple):
     """Distances between the surfaces of a mesh and of its pieces [m].
 
+    Sides that stand for a hollow surface do not count, but that surface does.
+
     Attributes
     ----------
     mean, high : float
@@ -64,7 +66,7 @@ def surface_error(pieces: Sequence[Piece], corners: np.ndarray, count: int = 400
     signed = distances_of_points(pieces, np.concatenate([points, corners[::step, 0]]))
     exposed = surface_points(np.concatenate([piece_mesh(piece) for piece in pieces]), count)
     slack = _ROUND_OFF * float(np.ptp(corners, axis=(0, 1)).max())
-    exposed = exposed[distances_of_points(pieces, exposed) > -slack]
+    exposed = exposed[np.abs(distances_of_points(pieces, exposed)) <= slack]
     beyond = distances_outside(corners, exposed)
     both = np.concatenate([np.abs(signed[: len(points)]), beyond[beyond > 0.0]])
     return SurfaceError(

@@ -23,6 +23,7 @@ from ...shapes.columns import NORMAL as FOUND_NORMAL
 from ...shapes.columns import PIECE_A as FOUND_A
 from ...shapes.columns import PIECE_B as FOUND_B
 from ...shapes.columns import POINT as FOUND_POINT
+from ...shapes.hollow import hollow_surface, is_hollow
 from ...shapes.support import core_point, gap_along, unit
 from ...spatial.rotation import cross
 from ...spatial.vectors import dot, minus, plus, three, times
@@ -38,6 +39,7 @@ from .columns import (
     BY_NORMAL,
     CENTRE,
     CLEAR,
+    CURVES,
     DRIFT,
     DRIVEN,
     EASE_N,
@@ -46,6 +48,7 @@ from .columns import (
     FACE_OF,
     FAR,
     FEATURE,
+    FIRST_NORMAL,
     FRAME,
     FREE_W,
     FRICTION,
@@ -169,6 +172,7 @@ def _complete(C, n, Y, solids, surface, materials):
     pa, pb = int(C[n, PIECE_A]), int(C[n, PIECE_B])
     normal = three(C, n, NORMAL)
     t1, t2 = _tangents(normal)
+    write(C, n, FIRST_NORMAL, normal)
     write(C, n, TAN1, t1)
     write(C, n, TAN2, t2)
     C[n, RHO_A], C[n, RHO_B] = solids.pieces[pa, ROUNDING], solids.pieces[pb, ROUNDING]
@@ -296,9 +300,14 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     ra = minus(ra, times(solids.pieces[pa, ROUNDING], normal))
     rb = plus(rb, times(solids.pieces[pb, ROUNDING], normal))
     C[n, BODY_A], C[n, BODY_B], C[n, PIECE_A], C[n, PIECE_B], C[n, POINTED] = a, b, pa, pb, 0.0
+    C[n, FACE_OF] = face
+    write(C, n, NORMAL, normal)
     write(C, n, EDGE, (0.0, 0.0, 0.0))
+    C[n, CURVES] = C[n, CURVES + 1] = 0.0
     if face == NO_FACE:
         _point_to_point(C, n, ra, rb, Y, solids)
+    elif is_hollow(pa, solids.pieces) or is_hollow(pb, solids.pieces):
+        _curve(C, n, ra, rb, Y, solids)
     C[n, RIM_A] = C[n, RIM_B] = 0.0
     C[n, LATHE_A] = _rolls_on(Y, solids, a, pa, normal, ra)
     C[n, LATHE_B] = _rolls_on(Y, solids, b, pb, normal, rb)
@@ -308,10 +317,9 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     if C[n, LATHE_B] > 0.0:
         rb = minus(rb, roll_arm(Y, b))
         C[n, RIM_B] = 1.0 if face == 1.0 and _on_rim(Y, solids, b, pb, times(-1.0, normal), rb) else 0.0
-    write(C, n, NORMAL, normal)
     write(C, n, LEVER_A, ra)
     write(C, n, LEVER_B, rb)
-    C[n, GAP0], C[n, FACE_OF], C[n, SINCE], C[n, WENT] = gap, face, 0.0, math.inf
+    C[n, GAP0], C[n, SINCE], C[n, WENT] = gap, 0.0, math.inf
     write(C, n, WARM, (0.0, 0.0, 0.0))
     write(C, n, WARM_MOMENT, (0.0, 0.0, 0.0))
     best, which = SAME_POINT * SAME_POINT, -1
@@ -323,6 +331,37 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
         write(C, n, WARM, _given_along(old, which, WARM, normal))
         write(C, n, WARM_MOMENT, _given_along(old, which, WARM_MOMENT, normal))
         old[which, MODE] = 1.0  # used
+
+
+@inner(noinline=True)
+def _curve(C, n, ra, rb, Y, solids):
+    """Note the curvatures of the hollow surface of row n, if there is one, at the cores' points."""
+    p, x = int(C[n, PIECE_A]), plus(three(Y, int(C[n, BODY_B]), CENTRE), rb)
+    if C[n, FACE_OF] == 2.0:
+        p, x = int(C[n, PIECE_B]), plus(three(Y, int(C[n, BODY_A]), CENTRE), ra)
+    if is_hollow(p, solids.pieces):
+        none = (0.0, 0.0, 0.0)
+        gap, _, along, curves = hollow_surface(p, x, none, Y, solids.pieces, solids.rows)
+        if gap < math.inf:
+            write(C, n, EDGE, along)
+            C[n, CURVES], C[n, CURVES + 1] = curves
+
+
+@inner
+def _curved(C, k, d):
+    """Return how a way d of b's point changes the normal of row k over a hollow surface; zero over others."""
+    if C[k, CURVES] == 0.0 and C[k, CURVES + 1] == 0.0:
+        return 0.0, 0.0, 0.0
+    e = three(C, k, EDGE)
+    s = cross(three(C, k, FIRST_NORMAL), e)
+    return plus(times(C[k, CURVES] * dot(d, e), e), times(C[k, CURVES + 1] * dot(d, s), s))
+
+
+@inner
+def _face_along(C, k, d):
+    """Turn the normal of row k over a hollow surface by a way d of b's point since the search."""
+    if C[k, CURVES] != 0.0 or C[k, CURVES + 1] != 0.0:
+        _aim(C, k, plus(three(C, k, FIRST_NORMAL), _curved(C, k, d)))
 
 
 @inner(noinline=True)
@@ -483,12 +522,12 @@ def _core(Y, i, q, way, axle, t):
 
 @inner(noinline=True)
 def levers(C, k, Y, t, around):
-    """Return the cores' levers at t from now, and how far b's point went from a's along the normal.
+    """Return the cores' levers at t from now, how far b's point went from a's surface, and its way.
 
     The points stay on their bodies, except that those of lathes do not turn about the axis, and those on rims
     travel along these.
     """
-    a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, NORMAL)
+    a, b, n = int(C[k, BODY_A]), int(C[k, BODY_B]), three(C, k, FIRST_NORMAL)
     qa, qb = three(C, k, LEVER_A), three(C, k, LEVER_B)
     axle_a, axle_b = C[k, LATHE_A] > 0.0, C[k, LATHE_B] > 0.0
     ta, tb = three(Y, a, TILTED if axle_a else TURNED), three(Y, b, TILTED if axle_b else TURNED)
@@ -506,7 +545,7 @@ def levers(C, k, Y, t, around):
         ra, d = plus(ra, e), minus(d, times(dot(n, e), n))
         rb = plus(rb, minus(e, times(dot(n, e), n)))
     d = plus(d, minus(three(Y, b, MOVED), three(Y, a, MOVED)))
-    return plus(ra, ca), plus(rb, cb), dot(n, d)
+    return plus(ra, ca), plus(rb, cb), dot(plus(n, times(0.5, _curved(C, k, d))), d), d
 
 
 @inner
@@ -581,7 +620,8 @@ def _parting(C, k, Y, ra, rb):
 @inner
 def approach(C, k, Y, h):
     """Fill the gap as it looks for the next h, and BEND; return the normal speed of b, and the gap."""
-    ra, rb, d = levers(C, k, Y, 0.0, NEARBY)
+    ra, rb, d, way = levers(C, k, Y, 0.0, NEARBY)
+    _face_along(C, k, way)
     sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
     ra, rb = plus(ra, sa), plus(rb, sb)
     if C[k, POINTED] > 0.0:
@@ -597,6 +637,9 @@ def approach(C, k, Y, h):
     C[k, GAP] = C[k, GAP0] + d
     speed = closing(Y, C, k)
     C[k, BEND] = _bend(C, k, Y, speed + C[k, BELT_U], h)
+    if C[k, CURVES] != 0.0 or C[k, CURVES + 1] != 0.0:
+        u = parting(Y, C, k)
+        C[k, BEND] += dot(_curved(C, k, u), u)
     return speed, C[k, GAP]
 
 
@@ -619,7 +662,7 @@ def _bend(C, k, Y, u, h):
     if h * h * swings < DRIFT:
         return 0.0
     v = minus(three(Y, b, VEL), three(Y, a, VEL))
-    _, _, then = levers(C, k, Y, h, ANYWHERE)
+    _, _, then, _ = levers(C, k, Y, h, ANYWHERE)
     return 2.0 * (then - (C[k, GAP] - C[k, GAP0]) + h * (dot(three(C, k, NORMAL), v) - u)) / (h * h)
 
 
@@ -641,7 +684,8 @@ def spread(C, k, Y, t):
     work on what rolls.
     """
     a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-    ra, rb, _ = levers(C, k, Y, 0.0, NEARBY)
+    ra, rb, _, way = levers(C, k, Y, 0.0, NEARBY)
+    _face_along(C, k, way)
     more, bend = (0.0, 0.0, 0.0), 0.0
     sa, sb, d, e = _points(C, k, Y, ra, rb, False)
     pa, pb = plus(ra, sa), plus(rb, sb)
@@ -650,13 +694,16 @@ def spread(C, k, Y, t):
         u = minus(u, times(dot(u, e), e))
         end = plus(d, times(t, u))
         bend = dot(end, u) / (math.sqrt(dot(end, end)) + 1e-300) - dot(three(C, k, NORMAL), u)
+    elif C[k, CURVES] != 0.0 or C[k, CURVES + 1] != 0.0:
+        u = _parting(C, k, Y, pa, pb)
+        bend = t * dot(_curved(C, k, u), u)
     n = three(C, k, NORMAL)
     _place_arms(C, k, pa, pb)
     if t > 0.0:
         if C[k, GAP] > 0.0:  # what only swings down at the end does not close all the gap by then
             C[k, GAP] += 2.0 * t * t * max(-C[k, BEND], 0.0)
         if C[k, RIM_A] > 0.0 or C[k, RIM_B] > 0.0:
-            ea, eb, _ = levers(C, k, Y, t, NEARBY)
+            ea, eb, _, _ = levers(C, k, Y, t, NEARBY)
             ea, eb = minus(ea, ra), minus(eb, rb)
         else:
             eb = _change(Y, b, pb, C[k, LATHE_B] > 0.0, t)
@@ -747,7 +794,7 @@ def remember(n, C, Y, search):
         C[k, SINCE] += C[k, WENT]
         if C[k, WENT] == 0.0:
             continue
-        ra, rb, d = levers(C, k, Y, 0.0, NEARBY)
+        ra, rb, d, _ = levers(C, k, Y, 0.0, NEARBY)
         C[k, GAP0] += d
         if C[k, POINTED] > 0.0:
             _, _, apart, e = _points(C, k, Y, ra, rb, True)

@@ -29,6 +29,7 @@ from ...shapes.columns import GAP as FOUND_GAP
 from ...shapes.columns import NORMAL as FOUND_NORMAL
 from ...shapes.columns import POINT as FOUND_POINT
 from ...shapes.columns import RADIUS as PIECE_RADIUS
+from ...shapes.hollow import touch_hollow
 from ...shapes.manifold import contacts_of_pieces, load_point, manifold_of_pieces, reduce, write_contact
 from ...shapes.nearest import above_half_space, half_space, nearest
 from ...shapes.support import best_face, gap_along, unit
@@ -569,6 +570,7 @@ def meet(a, b, far, dt, slack, Y, solids, old, first, had, search, count):
     for c in range(m):
         low = min(low, search.near[c, N_GAP])
     k = _patches(_touching(m, k, b, lean, Y, solids, search), lean, a, b, Y, solids, search.out)
+    touch_hollow(0, k, three(Y, b, CENTRE), Y, solids.pieces, solids.rows, search.out)
     return reduce(search.out, 0, k, MOST, lean, (0.0, 0.0, 0.0)), low
 
 
@@ -597,7 +599,9 @@ def _meet_one(a, b, far, lean, Y, solids, old, first, had, search, count):
         gap = above_half_space(pa, pb, base, Y, pieces, rows)[0]
     if k == 0:
         write(pairs[a], b, PARTED, n)
-    return _patches(k, lean, a, b, Y, solids, search.out), gap
+    k = _patches(k, lean, a, b, Y, solids, search.out)
+    touch_hollow(0, k, three(Y, b, CENTRE), Y, solids.pieces, solids.rows, search.out)
+    return k, gap
 
 
 @inner
