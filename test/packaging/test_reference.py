@@ -16,6 +16,8 @@ sys.path.append(str(ROOT / "docs"))
 
 import generate_reference
 
+STATED_OTHERWISE = "dt", "rolling_friction"  # 1/240, and without the preset
+
 
 def test_each_public_name_has_a_topic():
     assert not generate_reference.undocumented_names()
@@ -28,6 +30,16 @@ def test_the_repositorys_pages_are_current():
     made = dict(generate_reference.pages())
     assert {name for name in made if stored.get(name, "") != made[name] and "python_" not in name} == set()
     assert stored.keys() <= made.keys()
+
+
+def test_scene_keys_state_the_values_of_everyday_physics():
+    schema = json.loads((ROOT / "unc_physics" / "schemas" / "scene.schema.json").read_text())
+    values = {
+        k: v for k, v in PRESETS["everyday"].items() if isinstance(v, float) and k not in STATED_OTHERWISE
+    }
+    assert len(values) == 8
+    for key, value in values.items():
+        assert f"with everyday {value:g}" in schema["properties"][key]["description"], key
 
 
 @pytest.mark.parametrize("name", generate_reference.SCHEMAS)

@@ -31,6 +31,7 @@ from unc_physics import (
     rank,
 )
 from unc_physics.checks.errors import CanceledError
+from unc_physics.prediction.actions import apply_action
 from unc_physics.prediction.rank import Candidate, rank_candidates
 from unc_physics.prediction.request_checks import marks_of
 
@@ -62,6 +63,14 @@ ON_SHELF = InRegion("box", ABOVE)
 @pytest.fixture(scope="module")
 def ranking():
     return rank(SCENE, BELIEF, ACTIONS, ON_SHELF, HORIZON, rollouts=100, seed=3)
+
+
+def test_an_action_turns_a_body_by_angles_or_by_a_quaternion():
+    turned = {"roll_pitch_yaw": (0.0, 0.0, 1.0)}, {"orientation": (0.0, 0.0, np.sin(0.5), np.cos(0.5))}
+    by_angles, by_quaternion = (apply_action(SCENE, BELIEF, {"box": change})[1] for change in turned)
+    np.testing.assert_allclose(by_angles.mean, by_quaternion.mean, atol=1e-15)
+    assert by_angles.mean[0, 8] == pytest.approx(np.sin(0.5))
+    np.testing.assert_array_equal(by_angles.covariance, BELIEF.covariance)
 
 
 # bodies at uncertain places in a slab of 2 m, where nothing moves: outcomes are counts of draws
@@ -122,7 +131,7 @@ def test_the_example_of_a_shelf(ranking):
     best, edge, far = ranking
     assert best.score.estimate > 0.7 > edge.score.estimate > 0.1 and far.score.estimate == 0.0
     assert far.clearly_worse and far.rollouts == 20 and best.rollouts == 100 and ranking.rollouts <= 200
-    with pytest.raises(UncPhysicsError, match="name is no action; did you mean 'middle'"):
+    with pytest.raises(UncPhysicsError, match="name is no action's name; did you mean 'middle'"):
         ranking["midle"]
     contacts = rank(SCENE, BELIEF, ACTIONS, Touches("box", "shelf"), 0.05, rollouts=20)
     assert contacts.best.margin is None

@@ -69,7 +69,7 @@ class Fitted:
         return self.value * math.exp(_UPPER_QUANTILE * self.std / self.value)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """Result of `calibrate`.
 
@@ -103,6 +103,10 @@ class Calibration:
     objective: tuple[float, float]
     evaluations: int
     bounds: tuple[tuple[float, float], ...]
+
+    def __repr__(self) -> str:
+        values = (f"{one.name} {one.before:.3g} -> {one.value:.3g} +- {one.std:.2g}" for one in self.fitted)
+        return f"<Calibration by {len(self.recorded)} motions: {', '.join(values)}>"
 
     @property
     def scene(self) -> Scene:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..checks.array_field import Array, array_field
-from ..checks.errors import InvalidRequestError, NotSupportedError
+from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsError
 from ..checks.validation import array, numbers, point, quaternion
 from ..spatial.layout import POSITION, QUATERNION
 from ..spatial.rotation import rotation_matrix
@@ -33,7 +33,7 @@ POSES = {
 _HEAD = 4  # bytes of the encapsulation header; alignment counts from its end
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Motion:
     """Poses of a body at several times.
 
@@ -49,6 +49,9 @@ class Motion:
     name: str
     times: Array = array_field()
     poses: Array = array_field()
+
+    def __repr__(self):
+        return f"<Motion '{self.name}': {len(self.times)} poses in {self.duration:.3g} s>"
 
     def __post_init__(self):
         field = f"motion '{self.name}'"
@@ -115,7 +118,7 @@ def read_motions(
     """
     path = Path(path)
     if not path.exists():
-        raise InvalidRequestError("does not exist", field="motions", value=str(path))
+        raise InvalidRequestError("does not exist", field=f"file {path}")
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         files = sorted(file for file in path.iterdir() if file.suffix in (".csv", ".npz"))
         if not files:
@@ -146,13 +149,15 @@ def _of_center(motion, origin):
 
 
 def _one_file(path) -> Iterator[Motion]:
-    if path.suffix == ".npz":
-        return _npz(path)
-    if path.suffix == ".csv":
-        return _csv(path)
-    raise InvalidRequestError(
-        "must be an .npz or .csv file, a folder of them, or a rosbag", field="motions", value=str(path)
-    )
+    readers = {".npz": _npz, ".csv": _csv}
+    if path.suffix not in readers:
+        raise InvalidRequestError(
+            "must be an .npz or .csv file, a folder of them, or a rosbag", field="motions", value=str(path)
+        )
+    try:
+        yield from readers[path.suffix](path)
+    except UncPhysicsError as error:
+        raise error if str(path) in error.field else error.at(f"file {path}: {error.field}") from error
 
 
 def _npz(path):

@@ -53,8 +53,8 @@ def draw_prediction(
     """Draw a scene and its prediction, from the side and from above; no window is opened.
 
     The first belief is drawn pale, the last solid, with an ellipse for each of a body's modes. A body with
-    several modes is drawn as samples, since its mean is not a possible pose. Paths connect the positions of
-    all times, of bodies with one mode.
+    several modes is drawn as samples, since its mean is not a possible pose. Paths connect the positions at
+    three times or more, of bodies with one mode.
 
     Parameters
     ----------
@@ -89,11 +89,11 @@ def draw_prediction(
     figure.suptitle(
         f"{drawn_text(title)}\n{subtitle}" if title else subtitle, fontsize=10, y=1.0 - 0.1 / height, va="top"
     )
-    _draw_legend(figure, scene, (0.1 + _LEGEND) / height)
+    _draw_legend(figure, scene, (0.1 + _LEGEND) / height, has_path=len(beliefs) > 2)
     return figure
 
 
-def _draw_legend(figure, scene, top):
+def _draw_legend(figure, scene, top, has_path):
     """Draw the legend of colors and lines below the views."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -107,8 +107,10 @@ def _draw_legend(figure, scene, top):
     entries += [
         Patch(color=gray, alpha=0.35, label="pale: now"),
         Patch(color=gray, label="solid: predicted mean pose; several of one body: samples"),
-        Line2D([], [], color=gray, linewidth=0.8, label="path of the mean, unless outcomes split"),
     ]
+    if has_path:
+        label = "path of the mean, unless outcomes split"
+        entries.append(Line2D([], [], color=gray, linewidth=0.8, label=label))
     round_line = {"linestyle": "none", "marker": "o", "markersize": 8, "markerfacecolor": "none"}
     for label, width in (
         (f"position now, {SIGMAS:g} standard deviations", 0.9),
@@ -166,9 +168,11 @@ def bounds(scene, beliefs, shown=()):
     for element in scene.environment:
         if element.finite:
             ends = element.outermost(np.concatenate([np.eye(3), -np.eye(3)]))
-            span = (high - low).max()  # a table may be much larger than the objects on it
-            low = np.minimum(low, np.maximum(ends.min(axis=0), low - 0.3 * span))
-            high = np.maximum(high, np.minimum(ends.max(axis=0), high + 0.3 * span))
+        else:  # of a plane, what is nearest to the bodies
+            ends = places - np.outer(places @ element.normal - element.offset, element.normal)
+        span = (high - low).max()  # a table may be much larger than the objects on it
+        low = np.minimum(low, np.maximum(ends.min(axis=0), low - 0.3 * span))
+        high = np.maximum(high, np.minimum(ends.max(axis=0), high + 0.3 * span))
     margin = _MARGIN * (high - low).max()
     return low - margin, high + margin
 
@@ -193,7 +197,8 @@ def _draw_view(axes, scene, beliefs, shown, view, low, high):
             spheres = count if scene.integrator == "explicit" else None
             draw_body(axes, body.model, state, view, color, pixel, alpha, spheres)
         if not body.fixed:
-            if len(outcomes) < 2:  # a mean between outcomes is no possible place
+            # a mean between outcomes is no possible place, and two places are no path
+            if len(outcomes) < 2 < len(beliefs):
                 path = np.array([belief.mean[k, POSITION] for belief in beliefs]) @ view[:2].T
                 axes.plot(*path.T, color=0.5 * color, linewidth=0.8, zorder=4, path_effects=halo)
             now = Mode(1.0, beliefs[0].mean[k], beliefs[0].marginal(k))

@@ -12,7 +12,7 @@ from ..checks.errors import InvalidRequestError, NotSupportedError, UncPhysicsEr
 from ..checks.names import hint
 from ..scene.belief import Belief
 from ..scene.body_belief import MEANS, STDS, BodyBelief
-from ..scene.entries import at_field
+from ..scene.entries import ORIENTATION, ROLL_PITCH_YAW, at_field
 from ..scene.environment import element_names
 from ..scene.scene import Scene
 from ..spatial.layout import ERROR, QUATERNION
@@ -26,8 +26,8 @@ Action = (
     | Mapping[str, BodyBelief | Mapping[str, Any]]
 )
 #: Fields of a `BodyBelief`, which change the belief; all other fields change the body or the element itself.
-_PLACES = MEANS | {"orientation": QUATERNION}
-_OF_BELIEF = (*_PLACES, *STDS, "covariance", "origin")
+_PLACES = MEANS | {ORIENTATION: QUATERNION}
+_OF_BELIEF = (*_PLACES, ROLL_PITCH_YAW, *STDS, "covariance", "origin")
 
 
 def after_actions(
@@ -116,11 +116,7 @@ def _replaced(thing, changes, name):
     known += [key for key in _OF_BELIEF if key not in known] if hasattr(thing, "model") else []
     for key in changes:
         if key not in known:
-            raise InvalidRequestError(
-                f"has no field '{key}'{hint(str(key), known)}; an action maps names of bodies and elements to"
-                f" their changed fields, which here are {', '.join(known)}",
-                field=f"'{name}'",
-            )
+            raise InvalidRequestError(f"has no field '{key}'{hint(str(key), known)}", field=f"'{name}'")
     return replace(thing, **changes)
 
 
@@ -138,13 +134,14 @@ def _with_beliefs(scene, belief, changes):
             given: BodyBelief = change
         else:
             # without an orientation of its own the body keeps the one that it has
-            fields_of_it = {"orientation": mean[b, QUATERNION], **change}
+            kept = {} if ROLL_PITCH_YAW in change else {ORIENTATION: mean[b, QUATERNION]}
+            fields_of_it = {**kept, **change}
             given = at_field(repr(scene.bodies[b].name), BodyBelief, **fields_of_it)
         given = given.at_center_of_mass(scene.bodies[b].model.origin)
         if b not in blocks:
             at_field(repr(scene.bodies[b].name), given.check_fixed)
         named = (*_PLACES, "covariance") if whole else tuple(key for key in change if key != "origin")
-        for key in named:
+        for key in (ORIENTATION if key == ROLL_PITCH_YAW else key for key in named):
             if key in _PLACES:
                 mean[b, _PLACES[key]] = getattr(given, key)
                 continue

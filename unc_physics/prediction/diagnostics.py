@@ -319,7 +319,11 @@ def rare_outcomes(evidence):
     return None if evidence.widening is None else evidence.widening.max(axis=1)
 
 
-@_measure(Status.OUTSIDE_VALIDITY, 1.05, "ended before its accuracy was reached; allow more time or runs")
+@_measure(
+    Status.OUTSIDE_VALIDITY,
+    1.05,
+    "ended before its accuracy was reached; allow more time, or a larger value of the option 'runs'",
+)
 def missed_goal(evidence):
     """Largest error over its limit, or 32 over the number of rollouts. For ``auto``."""
     return evidence.own_measures.get("missed_goal")

@@ -112,7 +112,9 @@ class Ranking:
         """Return the action of that name."""
         names = [action.name for action in self.actions]
         if name not in names:
-            raise InvalidRequestError(f"is no action{hint(str(name), names)}", field="name", value=name)
+            raise InvalidRequestError(
+                f"is no action's name{hint(str(name), names)}", field="name", value=name
+            )
         return self.actions[names.index(name)]
 
     def __str__(self) -> str:

@@ -56,4 +56,10 @@ def __getattr__(name):
     """Import a name on its first use: rclpy is optional."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+    try:
+        return getattr(importlib.import_module(f".{_MODULES[name]}", __name__), name)
+    except ModuleNotFoundError as error:
+        if error.name not in ("rclpy", "unc_physics_msgs"):
+            raise
+        instead = "source ROS 2 and the workspace, or run `make demo` and take .venv/bin/python"
+        raise ModuleNotFoundError(f"{name} needs {error.name}: {instead}", name=error.name) from error
