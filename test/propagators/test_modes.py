@@ -78,3 +78,12 @@ def test_a_small_group_far_away_is_a_mode():
     assert found[-1].weight == pytest.approx(0.02, abs=0.015)
     for seed in range(20):
         assert len(split(states(1000, [[0.0, 0.0, 0.0]], [1.0], seed=seed), 0.06)) == 1
+
+
+def test_groups_as_close_as_what_is_ignored_are_one_mode():
+    """A body that rests in two ways a micrometre apart, beside a way far from both."""
+    places = [[0.0, 0.0, 0.0], [1e-6, 0.0, 0.0], [0.3, 0.0, -0.6]]
+    case = states(400, places, [0.6, 0.1, 0.3], std=1e-8)
+    case[:, 6:10] = 0.0, 0.0, 0.0, 1.0
+    far = (case[:, 2] < -0.3).mean()
+    assert [mode.weight for mode in split(case, 0.06)] == pytest.approx([1.0 - far, far])

@@ -157,7 +157,9 @@ def _one_file(path) -> Iterator[Motion]:
     try:
         yield from readers[path.suffix](path)
     except UncPhysicsError as error:
-        raise error if str(path) in error.field else error.at(f"file {path}: {error.field}") from error
+        if str(path) in (error.field or ""):
+            raise
+        raise error.at(f"file {path}: {error.field}") from error
 
 
 def _npz(path):

@@ -85,7 +85,7 @@ def split(states: np.ndarray, radius: float) -> tuple[Mode, ...]:
         labels = _with_reassigned_outliers(pose, soon, _labels(pose / pose.std(axis=0)))
     parts = [np.flatnonzero(labels == label) for label in np.unique(labels)]
     modes = [_mode_of(states, part) for part in parts]
-    while (pair := _same_outcome(parts, modes)) is not None:
+    while (pair := _same_outcome(parts, modes, radius)) is not None:
         one, other = pair
         parts[one] = np.union1d(parts[one], parts.pop(other))
         modes.pop(other)
@@ -133,7 +133,7 @@ def _mode_of(states, part):
     return Mode(len(part) / len(states), mean[0], second_moment(errors))
 
 
-def _same_outcome(parts, modes):
+def _same_outcome(parts, modes, radius):
     """Return the indices (one, other), ascending, of the closest two modes to be joined, or None.
 
     Modes are joined if one has too few rollouts, or if successive cuts divided the same group.
@@ -141,7 +141,7 @@ def _same_outcome(parts, modes):
     best = None
     for other in range(1, len(modes)):
         for one in range(other):
-            gap = _gap(modes[one], modes[other])
+            gap = _gap(modes[one], modes[other], radius)
             fewer = min(len(parts[one]), len(parts[other]))
             same = fewer < _FEWEST or gap < _TOGETHER + 1.0 / math.sqrt(fewer)
             if same and (best is None or gap < best[0]):
@@ -149,16 +149,20 @@ def _same_outcome(parts, modes):
     return None if best is None else best[1:]
 
 
-def _gap(one, other):
+def _gap(one, other, radius):
     """Return the distance of two modes' poses over the sum of their standard deviations.
 
-    It is the largest of all coordinates.
+    It is the largest of all coordinates. This sum is at least the spread that `split` ignores, for a body of
+    that radius [m].
     """
     errors, both = np.empty(ERROR), [np.ascontiguousarray(mode.mean) for mode in (one, other)]
     boxminus(both[1], both[0], errors)
-    width = sum(np.sqrt(np.maximum(mode.covariance.diagonal(), 0.0)) for mode in (one, other))
-    gaps = np.abs(errors) / np.maximum(width, _CONSTANT)
-    return float(max(gaps[ERR_POSITION].max(), gaps[ERR_ROTATION].max()))
+    variances = np.array([mode.covariance.diagonal() for mode in (one, other)])
+    width = np.sqrt(np.maximum(variances, 0.0)).sum(axis=0)
+    return max(
+        float((np.abs(errors[place]) / np.maximum(width[place], least)).max())
+        for place, least in ((ERR_POSITION, _SMALL * radius), (ERR_ROTATION, _SMALL))
+    )
 
 
 def _labels(x):
