@@ -108,6 +108,15 @@ def test_an_unmeasured_yaw_spreads_angles_only_over_dds(predict):
     assert start[:2] == pytest.approx(STDS[0] ** 2, rel=0.8)
 
 
+@pytest.mark.parametrize(("z", "noted"), [(0.001, False), (0.055, True), (0.2, False)])
+def test_a_pose_of_the_middle_gives_a_hint_over_dds(predict, z, noted):
+    """The can is 11 cm high, and its model's origin is at its base."""
+    request = on_a_table(np.repeat([0.002, 0.02], 3), ())
+    request.scene.objects[0].pose.pose.position.z = z
+    (can,) = predict(request).prediction.objects
+    assert ("note: begins 0.055 m above 'table': is its pose that of its middle" in can.status_msg) == noted
+
+
 def test_a_scene_without_anything_below_is_flagged_over_dds(predict):
     request = on_a_table(STDS, ())
     request.scene.environment.elements, request.scene.environment.complete = [], True

@@ -30,7 +30,8 @@ from ...scene.origins import gaussian_at_origins
 from ...scene.physics_keys import PHYSICS_KEYS
 from ...scene.physics_summary import physics_as_text
 from ...scene.scene import Scene
-from ...spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
+from ...shapes.distance import signed_distance
+from ...spatial.layout import ANGULAR_VELOCITY, ERR_POSITION, ERROR, POSITION, QUATERNION, VELOCITY
 from ...spatial.origin import at_origin
 from ...spatial.rotation import rotation_matrix
 from .environment import write_pair
@@ -44,6 +45,7 @@ from .scene import write_joint_covariance
 ASSESSED_STATES = 16
 _SAME_POINT = np.zeros(3)
 _BOTTOMLESS = "it would fall for ever, as nothing is below it: give the scene or the node an environment"
+_SIGMAS, _SURFACE_ERROR = 3.0, 2e-3  # standard deviations, and error of a model's surface [m]
 _NOTE = "note: "  # before each note of a status, in ``status_msg``
 
 
@@ -218,18 +220,43 @@ def write_statuses(message, prediction) -> None:
 
 
 def write_notes(objects: Iterable[PredictedObject], job: Job) -> None:
-    """Add to the status of objects what was changed in their covariances, and that nothing is below them."""
+    """Add to the status of objects what was changed in their covariances, and what is odd below them."""
     scene = job.scene
     bottomless = scene.gravity.any() and not scene.environment and all(body.free for body in scene.bodies)
     for k, predicted in enumerate(objects):
         state = job.belief.mean[k]
         texts = [f"{_NOTE}{text}" for text in job.notes.get(predicted.id, ())]
-        if bottomless and not (state[VELOCITY].any() or state[ANGULAR_VELOCITY].any()):
+        still = not (state[VELOCITY].any() or state[ANGULAR_VELOCITY].any())
+        if still and (hint := _at_its_middle(scene, job.belief, k)) is not None:
+            texts.append(f"{_NOTE}{hint}")
+        if bottomless and still:
             predicted.status |= PredictedObject.STATUS_OUTSIDE_VALIDITY
             texts.insert(0, _BOTTOMLESS)
             note = f"{_NOTE}{endless(scene, k)}"  # the same in other words
             predicted.status_msg = predicted.status_msg.replace(note, "").strip("; ")
         predicted.status_msg = "; ".join(filter(None, [predicted.status_msg, *texts]))
+
+
+def _at_its_middle(scene: Scene, belief: Belief, k: int) -> str | None:
+    """Return that body k hangs above an element by as much as its middle is above its model's origin."""
+    own, strength = scene.bodies[k], float(np.linalg.norm(scene.gravity))
+    if not own.free or own.at_rest or not strength:
+        return None
+    state, up = belief.mean[k], -scene.gravity / strength
+    arm = rotation_matrix(state[QUATERNION]) @ (own.model.corners.mean(axis=0) - own.model.origin)
+    height, std = float(arm @ up), float(np.sqrt(up @ belief.marginal(k)[ERR_POSITION, ERR_POSITION] @ up))
+    tolerance = _SIGMAS * std + _SURFACE_ERROR
+    if height <= tolerance:
+        return None
+    pose = state[POSITION], state[QUATERNION]
+    for element in scene.environment:
+        gap = signed_distance(own.model, pose, element, None).distance
+        if abs(gap - height) < tolerance:
+            return (
+                f"begins {gap:.3g} m above '{element.name}': is its pose that of its middle? Poses are those"
+                " of the model's origin"
+            )
+    return None
 
 
 def write_events(prediction: Prediction, events: Iterable[Event]) -> list[EventMessage]:
