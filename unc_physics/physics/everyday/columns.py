@@ -84,7 +84,8 @@ EASE_N, EASE_T = 96, 97  # spin by a unit moment about the normal, and the sum f
 ROLL_SPEED = 98  # speed of a point at the contact's lever by a unit moment about a tangent
 BELT_W = 99  # angular velocity of a's surface as a belt [rad/s]
 FIRST_NORMAL = 102  # NORMAL at the search
-COLS = 105
+GAP_NOW = 105  # without what GAP adds for the rest of the substep
+COLS = 106
 
 # ---- pairs of bodies
 CLEAR = 0  # no contact before the bodies' TRAVEL adds up to this
@@ -103,7 +104,7 @@ N_HOW = 12  # first whether in contact the step before; then where the normal is
 N_ENTRY, N_REACH = 13, 14  # row in the list (later whether it stands for its normal), gap that matters now
 N_ORDER = 15  # scratch of sorting
 NEARS = 16
-OWN, FACES, OTHERS = 0.0, 1.0, 2.0  # nearest points; faces, whose contacts are written; another pair's normal
+OWN, FACES, OTHERS = 0, 1, 2  # nearest points; faces, whose contacts are written; another pair's normal
 
 # ---- groups of bodies that touch, rows of an array of integers
 PARENT, GROUP, NEXT, START, MEMBERS = 0, 1, 2, 3, 4
@@ -151,7 +152,6 @@ ASLEEP = 3e-3  # m/s, speed of a body's fastest point at rest
 SLIDES = 1e-4  # m/s, speed at which a contact at rest slides: sweeps leave a third of it
 DRIFT = 1e-4  # m, added to what a body can travel within a step: pushes out of depth
 MARGIN = 8e-3  # m, reach of a list of pieces beyond what the next step needs: a step at 2 m/s
-FAR = 1.0  # m, a gap that no substep closes
 FEATURE = 1e-6  # m, from a face up to which a point is on it
 ON_RIM = 2e-4  # m, from a lathe's farthest point, up to which a contact travels along the rim
 SAME_POINT = 0.02  # m, distance up to which a contact takes the forces of one in the step before

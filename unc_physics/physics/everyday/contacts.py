@@ -46,7 +46,6 @@ from .columns import (
     EASE_T,
     EDGE,
     FACE_OF,
-    FAR,
     FEATURE,
     FIRST_NORMAL,
     FRAME,
@@ -54,6 +53,7 @@ from .columns import (
     FRICTION,
     GAP,
     GAP0,
+    GAP_NOW,
     GHOST,
     IMASS,
     IMPULSE,
@@ -130,7 +130,7 @@ from .solve import closing, parting
 
 # Cosines of the most by which a rim's point travels; where it is more the point stays on the body.
 NEARBY = 0.7  # an eighth of the circle
-ANYWHERE = -2.0
+ANYWHERE = -math.inf
 _ALIKE = 0.7  # cosine of normals between which forces are handed on
 
 
@@ -604,7 +604,7 @@ def _passing(C, k, d, u, h):
         soonest = -dot(d, u) / square
     if 0.0 < soonest < h:
         nearest = plus(d, times(soonest, u))
-        return (now if dot(nearest, nearest) < swept * swept else FAR), now
+        return (now if dot(nearest, nearest) < swept * swept else math.inf), now
     end = plus(d, times(h, u))
     return math.sqrt(dot(end, end)) - swept - h * dot(u, n), now
 
@@ -618,24 +618,28 @@ def _parting(C, k, Y, ra, rb):
 
 
 @inner
-def approach(C, k, Y, h):
-    """Fill the gap as it looks for the next h, and BEND; return the normal speed of b, and the gap."""
-    ra, rb, d, way = levers(C, k, Y, 0.0, NEARBY)
-    _face_along(C, k, way)
-    sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
-    ra, rb = plus(ra, sa), plus(rb, sb)
-    if C[k, POINTED] > 0.0:
-        _aim(C, k, apart)
-    _place_arms(C, k, ra, rb)
-    write(C, k, SURFACE_U, three(C, k, BELT_U))
-    if C[k, POINTED] > 0.0:
-        u = _parting(C, k, Y, ra, rb)
-        u = minus(u, times(dot(u, e), e))
-        C[k, GAP], now = _passing(C, k, apart, u, h)
-        C[k, BEND] = 0.0
-        return dot(three(C, k, NORMAL), u) - C[k, BELT_U], now
-    C[k, GAP] = C[k, GAP0] + d
-    speed = closing(Y, C, k)
+def approach(C, k, Y, h, moved):
+    """Fill the gap as it looks for the next h, and BEND; return the normal speed of b, and the gap.
+
+    Unless bodies have ``moved`` only their velocities are new.
+    """
+    if moved or C[k, POINTED] > 0.0:
+        ra, rb, d, way = levers(C, k, Y, 0.0, NEARBY)
+        _face_along(C, k, way)
+        sa, sb, apart, e = _points(C, k, Y, ra, rb, False)
+        ra, rb = plus(ra, sa), plus(rb, sb)
+        if C[k, POINTED] > 0.0:
+            _aim(C, k, apart)
+        _place_arms(C, k, ra, rb)
+        write(C, k, SURFACE_U, three(C, k, BELT_U))
+        C[k, GAP_NOW] = C[k, GAP0] + d
+        if C[k, POINTED] > 0.0:
+            u = _parting(C, k, Y, ra, rb)
+            u = minus(u, times(dot(u, e), e))
+            C[k, GAP], now = _passing(C, k, apart, u, h)
+            C[k, BEND] = 0.0
+            return dot(three(C, k, NORMAL), u) - C[k, BELT_U], now
+    C[k, GAP], speed = C[k, GAP_NOW], closing(Y, C, k)
     C[k, BEND] = _bend(C, k, Y, speed + C[k, BELT_U], h)
     if C[k, CURVES] != 0.0 or C[k, CURVES + 1] != 0.0:
         u = parting(Y, C, k)

@@ -36,7 +36,7 @@ from .columns import (
 from .motion import symmetric_times, write
 from .solve import HOLDS, closing, kick, parting
 
-OPEN, STICKS, SLIDES = 0.0, 1.0, 2.0  # MODE of a contact in the direct solution
+OPEN, STICKS, SLIDES = 0, 1, 2  # MODE of a contact in the direct solution
 _STICKING = 0.999  # share of the cone below which a contact begins as sticking
 _ROUNDS = 30  # changes of states until it gives up
 _REGULAR = 1e-8  # relative increase of the diagonal: more contacts than a rigid body needs

@@ -238,12 +238,12 @@ def _larger(before, world, old):
     """Return arrays with more room, with the bodies and the ``before`` contacts of old ones."""
     new = arrays_to_work(world, 2 * len(old.C), 2 * len(old.search.near), old.count)
     for i in range(len(old.Y)):
-        for x in range(BODY):
+        for x in range(old.Y.shape[1]):
             new.Y[i, x] = old.Y[i, x]
         place(i, new.Y, new.solids)
     pairs = new.search.pairs
     for k in range(before):
-        for x in range(COLS):
+        for x in range(old.C.shape[1]):
             new.C[k, x] = old.C[k, x]
         a, b = int(new.C[k, BODY_A]), int(new.C[k, BODY_B])
         if pairs[a, b, ROWS] == 0:
@@ -258,7 +258,7 @@ def _load(x, rows, contacts, quiet, m, world, variation, own, work):
     Y, B = work.Y, world.count
     forget_all(work.search)
     for i in range(len(Y)):
-        for c in range(BODY):
+        for c in range(Y.shape[1]):
             Y[i, c] = world.bodies[i, c]
     for i in range(B):
         for c in range(STATE_SIZE):

@@ -150,7 +150,7 @@ def forget_all(search):
     for a in range(len(pairs)):
         search.order[0, a] = a
         for b in range(len(pairs)):
-            for x in range(PAIR):
+            for x in range(pairs.shape[2]):
                 pairs[a, b, x] = 0.0
     for k in range(len(lists)):
         lists[k, 0, L_KEY] = 0.0
@@ -210,7 +210,7 @@ def _neighbours(a, b, far, travel, Y, solids, search):
         return slot
     old = int(L[0, L_NUMBER]) if same else 0
     for k in range(1, old + 1):
-        for x in range(LIST):
+        for x in range(lists.shape[2]):
             was[k, x] = L[k, x]
     wide, few, n, k = 2.0 * far + MARGIN, 0, 0, 1
     for pb in range(int(Y[b, FIRST]), int(Y[b, LAST])):  # those near the other body's box
@@ -346,8 +346,9 @@ def _sort(near, m):
         k = int(near[c, N_ORDER])
         while k < c:  # swapped away
             k = int(near[k, N_ORDER])
-        for x in range(N_ORDER if k > c else 0):
-            near[c, x], near[k, x] = near[k, x], near[c, x]
+        for x in range(near.shape[1] if k > c else 0):
+            if x != N_ORDER:
+                near[c, x], near[k, x] = near[k, x], near[c, x]
 
 
 @inner

@@ -56,7 +56,7 @@ from .columns import (
 from .motion import momentum, symmetric_times, write
 
 _PAID = 0.1  # most of the energy of motion that goes into depth in a substep
-HOLDS, PARTS, WAITS = 0.0, 1.0, 2.0  # MODE: closes its gap at most; parts at REBOUND; takes no part
+HOLDS, PARTS, WAITS = 0, 1, 2  # MODE: closes its gap at most; parts at REBOUND; takes no part
 
 
 @inner(forceinline=True)

@@ -19,7 +19,6 @@ from ...spatial.rotation import conjugate, cross, log, multiply
 from ...spatial.vectors import dot, minus, plus, three, times
 from .columns import (
     ACCEL,
-    BODY,
     BODY_A,
     BODY_B,
     CENTRE,
@@ -183,7 +182,7 @@ def _load(x, metric, world, work, surge):
     Y = work.Y
     forget_all(work.search)
     for i in range(len(Y)):
-        for c in range(BODY):
+        for c in range(Y.shape[1]):
             Y[i, c] = world.bodies[i, c]
         if i < world.count:
             for c in range(STATE_SIZE):

@@ -22,7 +22,6 @@ from .columns import (
     DIRECT_MOST,
     DIRECTS,
     DRIVEN,
-    FAR,
     GAP,
     GAP0,
     GROUP,
@@ -175,10 +174,10 @@ def _advance(first, last, members, begin, end, actions, own, work):
         h = min(longest, end - now)
         if driven:
             drive(now, now + _AT_ONCE * dt, Y, actions, own, states)
-        soon, deep = _refresh(first, last, C, Y, h)
+        soon, deep = _refresh(first, last, C, Y, h, True)
         if soon <= _AT_ONCE * dt or (soon <= h and cuts == 0):
             impacts(first, last, C, Y, par, own.key, work.count)
-            soon, deep = _refresh(first, last, C, Y, h)
+            soon, deep = _refresh(first, last, C, Y, h, False)
         if _AT_ONCE * dt < soon <= h and cuts > 0:
             h, cuts = soon, cuts - 1
             work.count[CUT] += 1
@@ -239,20 +238,20 @@ def _meets(C, k, u, acc, h):
 
 
 @inner(noinline=True)
-def _refresh(first, last, C, Y, h):
+def _refresh(first, last, C, Y, h, moved):
     """Bring the gaps of a group's contacts up to date; return when an impact is, and whether any is deep.
 
-    Contacts that have an impact within h wait.
+    Contacts that have an impact within h wait. Unless bodies have ``moved`` only their velocities are new.
     """
     soon, deep = math.inf, False
     for k in range(first, last):
         a, b = int(C[k, BODY_A]), int(C[k, BODY_B])
-        u, gap = approach(C, k, Y, h)
+        u, gap = approach(C, k, Y, h, moved)
         acc = three(Y, b, ACCEL)
         if Y[a, IMASS] > 0.0:
             acc = minus(acc, three(Y, a, ACCEL))
         t = _meets(C, k, u, dot(acc, three(C, k, NORMAL)) + C[k, BEND], h)
-        if C[k, GAP] < FAR:
+        if C[k, GAP] < math.inf:
             # what falls and does not get here, or leaves, goes by the mean of its velocities now and then
             C[k, GAP] = max(gap, 2.0 * gap + h * u) if t > h and abs(u) > landing(C, k) else gap
         C[k, MODE] = WAITS if t <= h else HOLDS
@@ -318,7 +317,7 @@ def _rests(first, last, members, C, Y, dt):
             return False
         if C[k, WARM + 1] ** 2 + C[k, WARM + 2] ** 2 > (_WITHIN * C[k, MU] * C[k, WARM]) ** 2:
             return False
-        approach(C, k, Y, dt)
+        approach(C, k, Y, dt, True)
         bear(Y, C, k, three(C, k, WARM), three(C, k, WARM_MOMENT), PUSH_V, PUSH_W)
     for i in members:
         if _pace(Y, i, PUSH_V, PUSH_W) > HELD:
