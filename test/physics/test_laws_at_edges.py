@@ -1,6 +1,7 @@
 """Seams, steps, edges and holes: what a body leaves, passes or tips over."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from everyday_worlds import (
@@ -26,6 +27,7 @@ from scipy.integrate import solve_ivp
 
 from unc_physics import Plane, RigidBody, load_model, rounded_box
 from unc_physics.shapes import pieces as shapes
+from unc_physics.shapes.household import HOUSEHOLD
 
 law = Laws()
 TABLE = slab((0.4, 0.6, 0.02), (-0.2, 0.0, -0.01))  # its edge is at x = 0
@@ -121,6 +123,11 @@ def a_body_stands_where_its_centre_is_over_its_support(dt):
             for yaw in np.radians((0, 11, 22, 33, 44, 55, 66, 77)):
                 case = f"{name} at {yaw:.2f} rad", [ring], [TABLE], -inset, height, about((0, 0, 1), yaw)
                 cases.append(case)
+        bowl = load_model("bowl")
+        packed = replace(bowl, pieces=[piece.moved(bowl.origin, np.eye(3)) for piece in HOUSEHOLD["bowl"]()])
+        assert any(len(piece.arcs) for piece in packed.pieces)
+        case = "bowl with arcs", [RigidBody("b", packed)], [TABLE], -inset, -packed.origin[2]
+        cases += [(*case, about((0, 0, 1), yaw)) for yaw in (0.0, 0.19)]
         for what, bodies, around, x, z, q in cases:
             low = 0.025 if bodies[-1] is lower else 0.05
             start = [state((x, 0.01, z), orientation=q), state((0, 0, low))][: len(bodies)]

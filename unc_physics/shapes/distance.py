@@ -152,8 +152,8 @@ def least_gap(a, b, far, base, frames, pieces, rows, work, polytope):
         if other > gap:
             p, q = plus(s, times(pieces[a, ROUNDING], m)), minus(t, times(pieces[b, ROUNDING], m))
             gap, n = other, m
-        gap, n, p, q, _ = hollow_contact(a, b, gap, n, p, q, True, base, frames, pieces, rows)
-    return hollow_contact(a, b, gap, n, p, q, False, base, frames, pieces, rows)[:4]
+        gap, n, p, q, _ = hollow_contact(a, b, gap, n, p, q, True, -1.0, base, frames, pieces, rows)
+    return hollow_contact(a, b, gap, n, p, q, False, -1.0, base, frames, pieces, rows)[:4]
 
 
 @kernel

@@ -7,7 +7,7 @@ surface itself: its gap, normal and curvature come from the arcs of the profile.
 import math
 
 from ..compiler import inner
-from ..spatial.vectors import minus, plus, times, triple
+from ..spatial.vectors import dot, minus, plus, times, triple
 from .columns import (
     AXES,
     FACE_OF,
@@ -30,6 +30,7 @@ from .columns import (
 )
 from .support import matrix_times, support, transposed_times
 
+_FACES = 0.5  # cosine between the normals of a contact and of the surface, at least: else it is an edge's
 _BULGE = 0.005  # share of a piece's radius by which its surface may be outside of its sides, where it bulges
 _BEYOND = 1e-9  # share of an arc by which a foot may be beyond its ends
 _CENTRE = 0.1  # share of a radius of curvature beyond which a centre of curvature is no nearer
@@ -100,12 +101,13 @@ def is_hollow(p, pieces):
 
 
 @inner
-def hollow_contact(a, b, gap, n, p, q, deep, base, frames, pieces, rows):
+def hollow_contact(a, b, gap, n, p, q, deep, facing, base, frames, pieces, rows):
     """Return gap, normal and nearest points of two pieces that touch each other's sides, and whose it is.
 
     Where the side stands for a hollow surface, they are those of the surface. The nearest points, and the
     normal from a to b, are those of the pieces. Those of ``deep`` ones are replaced only by what is less
-    deep: sides may rise through half of a thin wall, so that pieces part outwards.
+    deep: sides may rise through half of a thin wall, so that pieces part outwards. ``facing`` is the least
+    cosine between the normals of side and surface.
     """
     whose, swept = NO_FACE, pieces[a, ROUNDING] + pieces[b, ROUNDING]
     for own, other, side in ((a, b, 1.0), (b, a, -1.0)):
@@ -120,7 +122,7 @@ def hollow_contact(a, b, gap, n, p, q, deep, base, frames, pieces, rows):
             m = hollow_surface(own, x, base, frames, pieces, rows)[1]
             x, least = support(other, times(-1.0, m), base, frames, pieces, rows), gap
         found, m, _, _ = hollow_surface(own, x, base, frames, pieces, rows)
-        if found == math.inf or found - swept < least:
+        if found == math.inf or found - swept < least or side * dot(m, n) < facing:
             continue
         gap, n, whose = found - swept, times(side, m), FACE_OF_A if side > 0.0 else FACE_OF_B
         p, q = minus(x, times(found - r, m)), minus(x, times(rho, m))
@@ -137,7 +139,9 @@ def touch_hollow(first, last, base, frames, pieces, rows, out):
         if is_hollow(a, pieces) or is_hollow(b, pieces):
             half = times(0.5 * gap, n)
             p, q = minus(triple(out[k], POINT), half), plus(triple(out[k], POINT), half)
-            gap, n, p, q, whose = hollow_contact(a, b, gap, n, p, q, False, base, frames, pieces, rows)
+            gap, n, p, q, whose = hollow_contact(
+                a, b, gap, n, p, q, False, _FACES, base, frames, pieces, rows
+            )
             if whose != NO_FACE:
                 middle = times(0.5, plus(p, q))
                 for j in range(3):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,5 +85,9 @@ HOUSEHOLD: dict[str, Callable[[], list[Piece]]] = {
 
 
 def household_pieces(name: str, origin: ArrayLike) -> tuple[Piece, ...]:
-    """Return the pieces of a household model; ``origin`` (3,) is its mesh's origin, body axes [m]."""
-    return tuple(piece.moved(origin, np.eye(3)) for piece in HOUSEHOLD[name]())
+    """Return the pieces of a household model; ``origin`` (3,) is its mesh's origin, body axes [m].
+
+    Hollow sides are flat, as in the files of the library: they hold no arcs.
+    """
+    pieces = [replace(piece, arcs=()) if isinstance(piece, Lathe) else piece for piece in HOUSEHOLD[name]()]
+    return tuple(piece.moved(origin, np.eye(3)) for piece in pieces)
