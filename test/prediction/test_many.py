@@ -209,7 +209,9 @@ def test_a_dask_cluster_works():
     options = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "protocol": "tcp://"}
     with distributed.LocalCluster(dashboard_address=None, **options) as cluster:
         address = cluster.scheduler_address.removeprefix("tcp:")
-        assert [bits(one) for one in ask(6, f"dask:{address}")] == [bits(one) for one in ask(6)]
+        with distributed.Client(cluster) as client:
+            for executor in (f"dask:{address}", client.get_executor()):
+                assert [bits(one) for one in ask(6, executor)] == [bits(one) for one in ask(6)]
     soon = pytest.importorskip("dask").config.set({"distributed.comm.timeouts.connect": "100ms"})
     with soon, pytest.raises(UncPhysicsError, match="cannot be reached"):
         list(ask(1, "dask://127.0.0.1:1"))

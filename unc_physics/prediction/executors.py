@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 import time
@@ -73,10 +74,11 @@ class Workers:
             raise InvalidOptionError(
                 "must be an executor, a function that makes one, or a text", field="executor", value=executor
             )
+        if type(self._executor).__module__.startswith("distributed."):
+            self._executor = _OfDask(self._executor)
         self.here = executor is None
         self._chunk_time, self._size, self._most = chunk_time, 1, _FIRST_CHUNKS
         self._again: deque[_Part] = deque()
-        self._calls = count()
 
     def close(self) -> None:
         """End the executor without waiting, unless it was given."""
@@ -135,8 +137,7 @@ class Workers:
         return again or list(islice(waiting, self._size))
 
     def _submitted(self, function, parts):
-        # a number of its own, as Dask takes calls with equal arguments for one
-        arguments = function, [part.item for part in parts], not self.here, next(self._calls)
+        arguments = function, [part.item for part in parts], not self.here
         try:
             future = self._executor.submit(_run_chunk, *arguments)
         except BrokenExecutor as error:
@@ -195,7 +196,7 @@ class _Failed(Exception):
     """What the work raised, as opposed to the loss of its worker."""
 
 
-def _run_chunk(function, items, one_thread, _):
+def _run_chunk(function, items, one_thread):
     """Return the results of items, and the wall time [s]."""
     started, threads = time.perf_counter(), numba.get_num_threads()
     if one_thread:
@@ -263,23 +264,38 @@ def _begin_process():
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _dask_executor(address):
-    try:
-        from distributed import Client  # pyright: ignore[reportMissingImports]  # optional, as below
-        from distributed.cfexecutor import ClientExecutor  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise NotSupportedError("needs Dask: pip install 'unc_physics[many]'", field="executor") from None
+class _OfDask(Executor):
+    """Executor of a Dask client, which gets chunks as bytes: it looks into all parts of other arguments."""
 
-    class Connected(ClientExecutor):
-        """Executor that closes its connection at the end."""
+    def __init__(self, executor, client=None):
+        self._executor, self._client = executor, client
 
-        def shutdown(self, wait=True):
-            super().shutdown(wait)
+    def submit(self, fn, /, *args, **kwargs):
+        from cloudpickle import dumps  # pyright: ignore[reportMissingImports]  # which Dask needs
+
+        # it takes pure calls with equal arguments for one, and would not repeat them
+        return self._executor.submit(_call_pickled, dumps((fn, args)), pure=False)
+
+    def shutdown(self, wait=True, *, cancel_futures=False):
+        self._executor.shutdown(wait)
+        if self._client is not None:
             self._client.close()
 
+
+def _call_pickled(function_and_arguments):
+    function, arguments = pickle.loads(function_and_arguments)
+    return function(*arguments)
+
+
+def _dask_executor(address):
     try:
-        return Connected(Client(f"tcp:{address}", set_as_default=False))
+        from distributed import Client  # pyright: ignore[reportMissingImports]  # optional
+    except ImportError:
+        raise NotSupportedError("needs Dask: pip install 'unc_physics[many]'", field="executor") from None
+    try:
+        client = Client(f"tcp:{address}", set_as_default=False)
     except (OSError, ValueError) as error:
         raise InvalidOptionError(
             f"cannot be reached: {error}", field="executor", value=f"dask:{address}"
         ) from None
+    return _OfDask(client.get_executor(), client)
