@@ -24,7 +24,8 @@ from ..checks.names import hint
 from ..prediction.events import REST_ANGULAR_SPEED, REST_SPEED
 from ..prediction.prediction import Prediction
 from ..prediction.regions import BoxRegion
-from ..propagators.monte_carlo import MonteCarlo
+from ..propagators.names import REFERENCE
+from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
@@ -66,7 +67,7 @@ from .parameters import AXES, Settings
 #: Time without observations after which all objects are forgotten [s].
 _LONGEST_GAP = 60.0
 #: Rollouts of the tracker.
-MEMBERS = MonteCarlo(samples=64, seed=1)
+MEMBERS: Any = make_propagator(REFERENCE, samples=64, seed=1)
 _VELOCITIES = np.r_[ERR_VELOCITY, ERR_ANGULAR_VELOCITY]
 _MOVING = TrackStatus.TRACKED, TrackStatus.COASTING  # with physics
 
@@ -367,7 +368,7 @@ class Tracks:
         outputs: RequestedOutputs = MARGINALS_ONLY,
         regions: tuple[BoxRegion, ...] = (),
         samples: int = 0,
-        propagator: MonteCarlo = MEMBERS,
+        propagator: Any = MEMBERS,
     ) -> tuple[Job, Prediction]:
         """Predict from the belief of a fork.
 
@@ -379,8 +380,8 @@ class Tracks:
         regions : tuple of BoxRegion
         samples : int
             Number of samples in the answer.
-        propagator : MonteCarlo
-            Its samples are as many of the tracker's members.
+        propagator : Propagator, optional
+            Of samples. Its samples are as many of the tracker's members.
 
         Raises
         ------
