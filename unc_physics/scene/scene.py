@@ -55,8 +55,9 @@ UNCERTAIN_PARAMETERS = (
     "released_at",
     "trajectory",
 )
-#: Standard deviations of errors drawn at each impact.
-IMPACT_STDS = ("impact_direction_std", "impact_point_std", "impact_friction_std")
+#: Standard deviations of errors drawn at each impact, and the most that each may be: half a turn [rad], the
+#: size of the largest things that robots handle [m], and four orders of magnitude of friction.
+IMPACT_STDS = {"impact_direction_std": math.pi, "impact_point_std": 10.0, "impact_friction_std": 10.0}
 
 #: Default treatment of initial overlap.
 DEFAULT_OVERLAP = {"implicit": "project", "explicit": "keep"}
@@ -220,6 +221,8 @@ class Scene:
         self._check_at_rest()
         self._check_std("stiffness", self.stiffness, "a stiffness above 0")
         self._check_std("gravity_direction", math.pi if self.gravity.any() else 0.0, "gravity")
+        for field, most in IMPACT_STDS.items():
+            self._check_std(field.removesuffix("_std"), most)
 
     def _refuse_what_needs_implicit(self):
         """Raise `InvalidOptionError` if an option is set that the explicit step does not support."""
@@ -299,7 +302,7 @@ class Scene:
                     "needs gravity, which the scene does not have", field=f"bodies[{k}].at_rest"
                 )
 
-    def _check_std(self, name, most, owner):
+    def _check_std(self, name, most, owner=""):
         """Raise `InvalidRequestError` if a standard deviation exceeds ``most``; None counts as 0."""
         field, std = f"{name}_std", getattr(self, f"{name}_std")
         if std > 0.0 and not most:
