@@ -10,7 +10,8 @@ pytest.importorskip("argcomplete", reason="the extra 'completion' is not install
 
 
 @pytest.mark.parametrize(
-    ("line", "expected"), [("unc_physics pre", ["predict"]), ("unc_physics rank --ro", ["--rollouts"])]
+    ("line", "expected"),
+    [("unc_physics pre", ["predict", "predict-many"]), ("unc_physics rank --ro", ["--rollouts"])],
 )
 def test_a_word_is_completed(line, expected, tmp_path):
     answer = tmp_path / "answer"

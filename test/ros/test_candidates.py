@@ -221,10 +221,10 @@ def test_bad_requests(node, client, request_, code, words):
 
 
 def endless(scores):
-    """A request without end, with a limit of its computation time."""
+    """A request of millions of steps, most of them at rest, with a limit of its computation time."""
     request = ranked(scores, samples=20_000, max_computation_time=duration(0.3), horizon=duration(50.0))
     request.request.propagator = "monte_carlo"
-    with_physics(request.request, sleep=False)
+    with_physics(request.request, sleep=False, dt=1e-5)
     return request
 
 

@@ -6,6 +6,7 @@ What is not on PyPI is used where a machine has it; the other tests run anywhere
 import signal
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numba
@@ -30,7 +31,7 @@ from std_srvs.srv import Empty
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.physics.everyday import rollouts
 from unc_physics.ros import server, services
-from unc_physics_msgs.srv import GetCapabilities, Predict
+from unc_physics_msgs.srv import Predict
 
 LAUNCH = Path(__file__).resolve().parents[2] / "launch"
 AHEAD = 0.05  # s, of a scene's stamp before the newest transform's
@@ -158,20 +159,13 @@ def test_a_request_waits_for_kernels_within_its_time(robot, client, monkeypatch)
     assert_answered(client.predict(good_request(), node="robot_1/unc_physics"))
 
 
-def test_the_answer_of_another_node_says_nothing_of_deferred_answers(robot, client):
-    answered = []
+def test_services_are_complete_before_the_node_asks_itself(monkeypatch):
+    def introspect_late(*_):
+        time.sleep(0.1)  # five times the period in which the node looks for its service
 
-    def answer(_, response):
-        answered.append(response)
-        return response
-
-    other = client.node.create_service(GetCapabilities, "/other/get_capabilities", answer)
-    check = services.DeferredAnswerCheck(robot.server, GetCapabilities, "/other/get_capabilities")
-    wait_until(lambda: len(answered) > 1)
-    assert check.supported is None
-    check.reached = True  # and nothing passed through `send_response`
-    wait_until(lambda: check.supported is False)
-    client.node.destroy_service(other)
+    monkeypatch.setattr(services, "introspect", introspect_late)
+    with node_in_this_process("late", executor=two_threads, warm_up=[""]) as late:
+        assert late.server.deferred_answers.supported
 
 
 def test_where_rclpy_does_not_defer_answers_the_callback_answers(robot, client):

@@ -167,6 +167,7 @@ class PredictionServer:
             if self.settings.track:
                 self.tracking = Tracking(self, stream)
                 self._open.append(self.tracking)
+            self.deferred_answers.begin()
         self._warn_misspelt()
         self.log.info("ready")
 

@@ -114,12 +114,8 @@ class BackgroundService:
             if (afterwards := self._answer(request, response)) is not None:
                 afterwards()
             return response
-        if supported is None:
-            self._server.deferred_answers.reached = True
-            if hasattr(response, "result"):  # rclpy may send it unchanged
-                write_error(
-                    response.result, NotActiveError("is just getting ready; ask again", field="the node")
-                )
+        if supported is None and hasattr(response, "result"):  # rclpy may send it unchanged
+            write_error(response.result, NotActiveError("is just getting ready; ask again", field="the node"))
         self._asked[id(response)] = request
         return response
 
@@ -164,35 +160,34 @@ class DeferredAnswerCheck:
     ----------
     supported : bool or None
         None until the answer arrives.
-    reached : bool
-        Whether a request has reached this node. The answer of another node says nothing: a node that is
-        started again can share its name with its predecessor for a moment.
     """
 
     def __init__(self, server, service_type, name):
         self.supported: bool | None = None
-        self.reached = False
         self._log, self._node, self._type = server.log, server.node, service_type
         self._client: Any = self._node.create_client(service_type, name)
+        self._timer: Any = None
+
+    def begin(self):
+        """Call the service as soon as it is discovered; another thread may answer, so it must be complete."""
         # a steady clock, as simulated time may stop
-        self._timer: Any = self._node.create_timer(
+        self._timer = self._node.create_timer(
             _DISCOVERY_PERIOD, self._call, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def _call(self):
         if self._timer is not None and self._client.service_is_ready():
+            self._end_timer()
             self._client.call_async(self._type.Request()).add_done_callback(self._answered)
 
     def _answered(self, _):
-        if not self.reached:
-            return  # the timer asks again
         if self.supported is None:
             self.supported = False
             self._log.warning(
                 "this version of rclpy does not defer answers: requests are answered one by one, in the"
                 " executor's thread"
             )
-        self.close()
+        self._end_client()
 
     def _end_timer(self):
         if self._timer is not None:
