@@ -159,7 +159,7 @@ def reduce(out, first, last, most, lean, load):
                 value -= (out[k, GAP] - least) / _TILT
                 if value > best + _TIE:
                     best, leaves = value, k
-        found = leaves
+        found = farthest = leaves
         best = -math.inf
         for k in range(first, last):
             if out[k, FARNESS] == _KEPT:
