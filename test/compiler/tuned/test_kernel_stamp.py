@@ -1,5 +1,6 @@
 """Stamps of kernels: the same in each process, and of code that is understood."""
 
+import math
 import os
 import subprocess
 import sys
@@ -42,3 +43,11 @@ def test_a_value_that_is_not_understood_counts_as_the_whole_file(monkeypatch):
     assert kernel_stamp.stamp(names_it) == before
     monkeypatch.setattr(kernel_stamp, "_file", lambda function: b"another text")
     assert kernel_stamp.stamp(names_it) != before
+
+
+def test_a_name_of_an_attribute_counts():
+    """Byte code refers to it by its place among the names, which stays the same."""
+    pairs = ((lambda x: math.sin(x), lambda x: math.cos(x)), (lambda row: row.first, lambda row: row.last))
+    for one, other in pairs:
+        assert one.__code__.co_code == other.__code__.co_code
+        assert kernel_stamp.stamp(one) != kernel_stamp.stamp(other)

@@ -102,7 +102,8 @@ def _globals(function, names):
 
 def _read(code: CodeType):
     """Return the names in a function's code and the code without docstring, with nested functions."""
-    names, parts = list(code.co_names), [code.co_code, repr((code.co_varnames, code.co_freevars))]
+    names = list(code.co_names)
+    parts = [code.co_code, repr((code.co_names, code.co_varnames, code.co_freevars))]
     for place, constant in enumerate(code.co_consts):
         if isinstance(constant, CodeType):
             more_names, more_parts = _read(constant)
