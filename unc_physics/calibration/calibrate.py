@@ -13,7 +13,7 @@ import numpy as np
 
 from ..checks.errors import NotSupportedError
 from ..checks.validation import integer
-from ..prediction.executors import AnyExecutor, Workers
+from ..prediction.executors import ROUND_CHUNK_TIME, AnyExecutor, Workers
 from ..scene.scene import Scene
 from .adjustable import Adjustable, Model, chosen, fitted_by_default
 from .flight import FlightGravity, FlightStart, flight_gravity, pose_noise
@@ -26,7 +26,6 @@ from .uncertainty import refine, refining
 
 EVALUATIONS = 80
 _SEARCHED = 12  # motions, at most, of the search; the uncertainty is then estimated from all motions
-_CHUNK_TIME = 0.05  # s, of a worker's predictions: a model has few of them, and the next one waits for all
 _LEVEL = 0.9  # level of the regions whose coverage is checked
 _SURE = 4.0  # standard errors below it that raise a doubt: there are four checks, and fitted values err
 _CLEAR = 3.0  # standard deviations from 0 of a spread that is not zero
@@ -197,7 +196,7 @@ def calibrate(
     before = with_noise(scene, found)
     count_models = _Progress(evaluations + refining(len(adjusted)), progress)
     Objective(found[:1], samples, seed).scores(before)  # this process compiles, and workers load
-    with closing(Workers(executor, _CHUNK_TIME)) as workers:
+    with closing(Workers(executor, ROUND_CHUNK_TIME)) as workers:
         result = fit_model(found, before, adjusted, samples, evaluations, seed, count_models, workers=workers)
         check = Objective(found, max(samples, 100), seed + 1, workers=workers)
         scores_before, scores_after = check.scores(before), check.scores(result.model)

@@ -27,6 +27,7 @@ from ..checks.errors import InternalError, InvalidOptionError, NotSupportedError
 AnyExecutor = Executor | Callable[[], Executor] | str | None
 
 CHUNK_TIME = 1.0  # s, of a chunk: hundreds of times what sending it takes, and short to repeat
+ROUND_CHUNK_TIME = 0.05  # s, of a chunk where rounds have few items, and the next one waits for all
 _GROWTH = 4  # largest factor between the sizes of consecutive chunks
 _FIRST_CHUNKS = 4  # chunks under way before anything is known of the workers
 _LOSSES = 3  # lost workers, the last one while nothing else ran, after which an item counts as their cause

@@ -26,7 +26,7 @@ from .actions import Action, about_action, after_actions
 from .compute_budget import ComputeBudget
 from .driver import run
 from .events import Event
-from .executors import AnyExecutor, Workers
+from .executors import ROUND_CHUNK_TIME, AnyExecutor, Workers
 from .predict import prepare
 from .prediction import Prediction
 from .probability import sample_outcomes
@@ -37,7 +37,6 @@ from .tables import FEW_LINES, preformatted
 
 #: Share of `rollouts` for each action that the budget is by default, where that is more than two actions'.
 _BUDGET_SHARE = 0.2
-_CHUNK_TIME = 0.05  # s, of a worker's simulations: a round has few of them, and the next one waits for all
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +293,7 @@ def rank_candidates(
         return Ranking(tuple(_ranked_actions(found, halving, score)), score, propagator.seed)
 
     try:
-        with closing(Workers(executor, _CHUNK_TIME)) as workers:
+        with closing(Workers(executor, ROUND_CHUNK_TIME)) as workers:
             while halving.remaining:
                 own = replace(propagator, samples=halving.count)
                 left = None if allowed is None else allowed - (clock() - started)
