@@ -208,7 +208,8 @@ def overlap_moved(evidence):
 @_measure(
     Status.INITIAL_OVERLAP,
     0.05,
-    "is set at_rest, and nothing holds it; put something below it, or remove at_rest",
+    "is set at_rest, and does not stay in some or all samples; put something that holds it below it, or"
+    " remove at_rest",
 )
 def unsettled(evidence):
     """Share of the samples or points in which a body at rest did not come to rest."""
