@@ -1,10 +1,14 @@
 """The command ``predict-many``, on lines of which some cannot be predicted."""
 
 import json
+import os
+import shutil
 
 import pytest
 
 from unc_physics.__main__ import main
+from unc_physics.prediction.many import RequestLine
+from unc_physics.shapes.library import find_model
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
@@ -84,6 +88,23 @@ def test_errors_name_line_key_and_value(tmp_path, monkeypatch, capsys, bad, name
     (tmp_path / "ask.jsonl").write_text(bad)
     assert main(["predict-many", "ask.jsonl", "-o", "answers"]) > 2
     assert f"ask.jsonl, line 1: {named}" in capsys.readouterr().err
+
+
+def test_lines_that_differ_in_beliefs_share_a_scene(tmp_path):
+    """As long as the file of its model is unchanged."""
+    model = shutil.copy(find_model("salt_box"), tmp_path / "box.npz")
+
+    def scene_of(**changes):
+        body = SCENE["bodies"][0] | {"model": "box.npz"} | changes
+        return RequestLine(1, line(scene=SCENE | {"bodies": [body]}), folder=str(tmp_path)).read(1).scene
+
+    first = scene_of()
+    assert scene_of(position=[0, 0, 0.08], position_std=0.0, roll_pitch_yaw=[0, 0, 1]) is first
+    for other in ({"mass": 2.0}, {"friction": 0.1}, {"name": "carton"}, {"scale": 0.5}):
+        assert scene_of(**other) is not first
+    shutil.copy(find_model("can"), model)
+    os.utime(model, (0.0, 0.0))
+    assert scene_of().bodies[0].model.name == "can"
 
 
 def test_a_missing_file_is_named(tmp_path, capsys):

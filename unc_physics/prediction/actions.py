@@ -25,9 +25,9 @@ Action = (
     | Callable[[Scene, Belief], tuple[Scene, Belief]]
     | Mapping[str, BodyBelief | Mapping[str, Any]]
 )
-#: Fields of a `BodyBelief`, which change the belief; all other fields change the body or the element itself.
 _PLACES = MEANS | {ORIENTATION: QUATERNION}
-_OF_BELIEF = (*_PLACES, ROLL_PITCH_YAW, *STDS, "covariance", "origin")
+#: Fields of a `BodyBelief`, which change the belief; all other fields change the body or the element itself.
+OF_BELIEF = (*_PLACES, ROLL_PITCH_YAW, *STDS, "covariance", "origin")
 
 
 def after_actions(
@@ -98,7 +98,7 @@ def _with_changes(scene, belief, changes):
             continue
         if not isinstance(change, Mapping):
             raise InvalidRequestError("must be a BodyBelief, or fields and their values", field=repr(name))
-        of_belief = {key: value for key, value in change.items() if key in _OF_BELIEF and k < len(bodies)}
+        of_belief = {key: value for key, value in change.items() if key in OF_BELIEF and k < len(bodies)}
         of_thing = {key: value for key, value in change.items() if key not in of_belief}
         if of_belief:
             beliefs[k] = of_belief
@@ -113,7 +113,7 @@ def _with_changes(scene, belief, changes):
 def _replaced(thing, changes, name):
     """Return a body or an element with other fields."""
     known = [spec.name for spec in fields(thing) if spec.name != "name"]
-    known += [key for key in _OF_BELIEF if key not in known] if hasattr(thing, "model") else []
+    known += [key for key in OF_BELIEF if key not in known] if hasattr(thing, "model") else []
     for key in changes:
         if key not in known:
             raise InvalidRequestError(f"has no field '{key}'{hint(str(key), known)}", field=f"'{name}'")

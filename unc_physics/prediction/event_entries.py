@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import MISSING, Field, fields
+from functools import cache
 from typing import Any, get_type_hints
 
 import yaml
@@ -63,6 +64,7 @@ def _region(entry, place):
     return at_field(place, BoxRegion, **{key: value for key, value in entry.items() if value is not None})
 
 
+@cache
 def _arguments(kind: type[Event]) -> dict[str, tuple[Field, Callable[[Any, str], Any]]]:
     """Return the fields of a class of events with their readers, by name."""
     types, found = get_type_hints(kind), {}

@@ -22,7 +22,7 @@ from ..scene.belief import Belief
 from ..scene.entries import check_keys, read_numbers
 from ..scene.scene import Scene
 from ..scene.scene_file import scene_from_dict
-from .actions import Action, apply_action
+from .actions import OF_BELIEF, Action, apply_action
 from .answer_store import AnswerStore
 from .event_entries import read_event
 from .events import Event
@@ -31,6 +31,8 @@ from .predict import predict
 from .snapshot import Probability
 
 _LINE_KEYS = ("scene", "propagator", "options", "times", "events", "seed")
+_SCENES = 64  # kept in a process, for lines with the same one
+_scenes: dict[tuple, Scene] = {}
 
 
 class Request(NamedTuple):
@@ -77,29 +79,35 @@ class RequestLine(NamedTuple):
         except ValueError as error:
             raise InvalidRequestError(f"is not JSON: {error}", value=self.text) from None
         check_keys(entry, _LINE_KEYS, "request")
-        given = {key: value for key, value in entry.items() if value is not None}
-        options, events, name = (
-            given.get("options", {}),
-            given.get("events", []),
-            given.get("propagator", ANYTIME),
-        )
-        for value, kind, key in (
-            (options, dict, "options"),
-            (events, list, "events"),
-            (name, str, "propagator"),
-        ):
-            instance(value, kind, key)
+        given = {"propagator": ANYTIME, "options": {}, "events": [], "seed": number}
+        given |= {key: value for key, value in entry.items() if value is not None}
+        for key, kind in (("options", dict), ("events", list), ("propagator", str)):
+            instance(given[key], kind, key)
         try:
             scene, belief, horizon = scene_from_dict(given.get("scene"), self.models, self.folder)
         except UncPhysicsError as error:
             raise error.at("scene" if error.field == "scene" else f"scene.{error.field}") from None
-        seed = integer(given.get("seed", number), "seed", low=0)
-        propagator = propagator_from_texts(name, options, seed=None if "seed" in options else seed)
+        options, seed = given["options"], integer(given["seed"], "seed", low=0)
+        seed = None if "seed" in options else seed
+        propagator = propagator_from_texts(given["propagator"], options, seed=seed)
         times = given.get("times")
         if times is not None:
             times = read_numbers(times, (len(times),) if isinstance(times, list) else (), "times").tolist()
-        read = [read_event(event, f"events[{k}]") for k, event in enumerate(events)]
-        return Request(scene, belief, propagator, horizon if times is None else times, read)
+        events = [read_event(event, f"events[{k}]") for k, event in enumerate(given["events"])]
+        scene = _shared(scene, given["scene"])
+        return Request(scene, belief, propagator, horizon if times is None else times, events)
+
+
+def _shared(scene, content):
+    """Return the scene that was read first of content that differs in beliefs only: its arrays are made once.
+
+    A model is the same object as long as its file is unchanged.
+    """
+    bodies = [{key: body[key] for key in body if key not in OF_BELIEF} for body in content["bodies"]]
+    key = json.dumps(content | {"bodies": bodies, "horizon": None}), *(body.model for body in scene.bodies)
+    if len(_scenes) >= _SCENES:
+        _scenes.clear()
+    return _scenes.setdefault((*key, scene.stiffness), scene)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from ..checks.errors import UnknownModelError
@@ -14,6 +15,7 @@ from .packing_file import SpherePacking, load_packing
 #: Endings of files of which `pack` makes models.
 MESHES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".sdf", ".stl", ".urdf", ".xml")
 SHARE = Path("share") / "unc_physics" / "models"
+_CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 def cache_dir() -> Path:
@@ -36,8 +38,7 @@ def models_dirs(models_dir=None) -> list[Path]:
         except RuntimeError:  # no such home
             return [Path(chosen)]
     prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
-    checkout = Path(__file__).resolve().parents[2]
-    folders = [checkout / "models"] if (checkout / "models" / "bunny.npz").is_file() else []
+    folders = [_CHECKOUT / "models"] if (_CHECKOUT / "models" / "bunny.npz").is_file() else []
     folders += [Path(prefix) / SHARE for prefix in prefixes]
     return [folder for folder in dict.fromkeys([*folders, cache_dir()]) if folder.is_dir()]
 
@@ -81,25 +82,27 @@ def find_model(name_or_path, models_dir=None) -> Path:
         except (OSError, RuntimeError, ValueError):  # no such home, a name too long, a null character
             pass
         raise UnknownModelError("is no file", field="model", value=text)
+    for folder in models_dirs(models_dir):
+        with suppress(OSError, ValueError):  # a name too long, a null character
+            if (path := folder / f"{text}.npz").is_file():
+                return path
     try:
         models = list_models(models_dir)
     except UnknownModelError as error:
         raise UnknownModelError(
             f"cannot be looked up: {error.value} is no folder", field="model", value=text
         ) from None
-    if text not in models and text.lower().endswith(MESHES):
+    if text.lower().endswith(MESHES):
         raise UnknownModelError(
             "is a mesh, and no model; the command pack makes a model of it", field="model", value=text
         )
-    if text not in models:
-        folders = ", ".join(str(folder) for folder in models_dirs(models_dir)) or "no folder"
-        known = ", ".join(models) or "none"
-        raise UnknownModelError(
-            f"is unknown; the models in {folders} are: {known}{suggestion(text, models)}",
-            field="model",
-            value=text,
-        )
-    return models[text]
+    folders = ", ".join(str(folder) for folder in models_dirs(models_dir)) or "no folder"
+    known = ", ".join(models) or "none"
+    raise UnknownModelError(
+        f"is unknown; the models in {folders} are: {known}{suggestion(text, models)}",
+        field="model",
+        value=text,
+    )
 
 
 def load_model(
