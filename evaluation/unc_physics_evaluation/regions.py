@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from unc_physics.calibration.quaternions import inverse, product, rotation_vectors
 from unc_physics.propagators.modes import Mode
 from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
+from unc_physics.spatial.quaternions import inverse, product, rotation_vectors
 
 #: What a region is of: columns of a pose's error [dp, dtheta].
 PARTS = {"position": slice(0, 3), "rotation": slice(3, 6), "pose": slice(0, 6)}

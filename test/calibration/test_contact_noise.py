@@ -1,5 +1,7 @@
 """Contact noise fitted to simulated throws, whose impacts err by a known amount."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from throws import scene, throws
@@ -51,6 +53,16 @@ def test_noise_makes_up_for_errors_of_impacts(of_erring_impacts):
 def test_exact_impacts_need_less(of_erring_impacts):
     exact = fitted(throws(MODEL, 4, seed=5)).noise
     assert exact.velocity < 0.5 * of_erring_impacts.noise.velocity
+
+
+def test_an_executor_changes_no_bit():
+    motions, options = throws(MODEL, 2, seed=5), {"members": 8, "evaluations": 10}
+    with ThreadPoolExecutor(2) as threads:
+        one, other = (
+            calibrate_contact_noise(motions, MODEL, STD, executor=executor, **options)
+            for executor in (None, threads)
+        )
+    assert one == other
 
 
 def test_motions_without_contact_are_refused():

@@ -4,20 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 from throws import scene
 
 from unc_physics.calibration.adjustable import Model, adjustables, chosen, with_values
 from unc_physics.calibration.posterior import Posterior, prior_weight
 from unc_physics.calibration.search import ParameterSearch
-from unc_physics.calibration.uncertainty import (
-    _along,
-    _axis,
-    _least_in_box,
-    _mixed,
-    _std_from_increase,
-    refine,
-)
+from unc_physics.calibration.uncertainty import _along, _axis, _mixed, _std_from_increase, refine
 from unc_physics.checks.errors import DivergedError, LimitExceededError
 
 NAMES = ("friction", "restitution", "impact_point_std")
@@ -248,18 +240,3 @@ def test_a_standard_deviation_is_that_of_the_distance_to_a_clear_increase(guess)
     near = Quadratic((0.5 * std - 3.0, 2.0))  # the bound comes first on one side
     found = _std_from_increase(near, near.least, near.at(near.least), 0, along, guess * std)
     assert found == pytest.approx(0.5 * np.sqrt(0.5 * (0.5**2 + 2.0**2)) * std)
-
-
-def test_the_least_in_a_box_is_that_of_scipy():
-    rng = np.random.default_rng(0)
-    for size in (1, 2, 4):
-        for _ in range(5):
-            A, slope = rng.standard_normal((size, size + 2)), rng.standard_normal(size)
-            H, bounds = A @ A.T, np.sort(rng.uniform(-0.5, 0.5, (2, size)), axis=0) * [[1.0], [0.2]]
-            low, high = np.minimum(bounds[0], 0.0), np.maximum(bounds[1], 0.0)
-            right = minimize(
-                lambda d, H=H, g=slope: g @ d + 0.5 * d @ H @ d,
-                np.zeros(size),
-                bounds=[*zip(low, high, strict=True)],
-            )
-            assert _least_in_box(slope, H, low, high) == pytest.approx(right.x, abs=1e-4)

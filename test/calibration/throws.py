@@ -3,7 +3,8 @@
 import numpy as np
 
 from unc_physics import Belief, Motion, Plane, RigidBody, Scene, make_propagator, predict, rounded_box
-from unc_physics.calibration.quaternions import of_vectors, product
+from unc_physics.spatial.quaternions import product
+from unc_physics.spatial.rotation import exp_vectors
 
 BOX = rounded_box((0.1, 0.1, 0.06), 0.004, "box").prefix(8)
 NOISE = 2e-4, 2e-3  # m, rad
@@ -34,6 +35,6 @@ def throws(of, count, seed=0, dt=1 / 120, poses=84, noise=NOISE, height=0.14):
         thrown = predict(of, Belief.exact(state), one, times=times.tolist())
         states = np.concatenate([state, *(snapshot.samples[0] for snapshot in thrown.snapshots)])
         positions = states[:, :3] + noise[0] * rng.standard_normal((poses, 3))
-        turned = product(states[:, 6:10], of_vectors(noise[1] * rng.standard_normal((poses, 3))))
+        turned = product(states[:, 6:10], exp_vectors(noise[1] * rng.standard_normal((poses, 3))))
         found.append(Motion(str(k), [0.0, *times], np.concatenate([positions, turned], axis=1)))
     return found

@@ -39,7 +39,7 @@ def test_free_flight_equals_the_filter_with_constant_velocity():
             one.correct(k * h, measurement)
         mean, P = constant_velocity(mean, P, h, 0.0, 0.0)
         seen = measurement.observation(scene.bodies[0])
-        y, H, _ = expectation(mean, mean, seen.kind, seen.value, seen.point, 0.0, 6)
+        y, H = expectation(mean, mean, seen.kind, seen.value, seen.point, 6)
         change, P, _, _ = kalman_update(P, H, y, noise)
         moved = np.empty(13)
         boxplus(mean, change, moved)

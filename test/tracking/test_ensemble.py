@@ -7,9 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tracked_scenes import NOISE, angle, bodies, box, pose
 
-from unc_physics import Belief, PoseMeasurement, PositionMeasurement, RelativePoseMeasurement
+from unc_physics import PoseMeasurement, PositionMeasurement, RelativePoseMeasurement
 from unc_physics.spatial.moments import mean_and_errors, spread_states, symmetric_root
-from unc_physics.tracking.ensemble import BodyObservation, Gates, correct, corrected
+from unc_physics.tracking.ensemble import BodyObservation, Gates, corrected
+from unc_physics.tracking.hypotheses import Filter
 from unc_physics.tracking.noise import whitened
 
 BODY = bodies(1)[0]
@@ -92,10 +93,10 @@ def test_gaussian_and_ensemble_agree_about_poses():
     turned = Rotation.from_quat(start[0, 6:10]) * Rotation.from_rotvec([0.01, -0.02, 0.015])
     seen = PoseMeasurement(pose([0.003, 0.001, -0.002], turned.as_quat()), NOISE).observation(BODY)
     by_members = corrected(states, np.array([0]), [BodyObservation(0, seen, 0)], np.zeros(1))
-    exact, innovation = correct(Belief(start, P), 0, seen)
+    exact, innovation = Filter(start[0], P, 0.0).corrected(seen, start[0], np.inf)
     mean, covariance = moments(by_members.states)
-    assert mean[0, :6] == pytest.approx(exact.mean[0, :6], abs=2e-4)
-    assert angle(mean[0, 6:10], exact.mean[0, 6:10]) < 2e-4
+    assert mean[0, :6] == pytest.approx(exact.mean[:6], abs=2e-4)
+    assert angle(mean[0, 6:10], exact.mean[6:10]) < 2e-4
     deviations = np.sqrt(np.diag(exact.covariance))
     assert covariance / deviations[:, None] / deviations == pytest.approx(
         exact.covariance / deviations[:, None] / deviations, abs=0.02

@@ -63,25 +63,18 @@ class Adjustable:
         return float(np.clip(math.exp(by) if self.relative else by, self.low, self.high))
 
 
-def _of_scene(name, unit, about, low, high, typical, keeps_scene=True):
-    """Return the adjustable of a positive field of the scene."""
+def _positive(name, unit, about, low, high, typical=0.0, of_scene=True, **options):
+    """Return the adjustable of a positive field of the scene, or of the `Model` itself."""
+
+    def get(model):
+        return getattr(model.scene if of_scene else model, name) or 0.0
 
     def put(model, value):
-        return model._replace(scene=replace(model.scene, **{name: value}))
+        changed = {name: value}
+        return model._replace(**({"scene": replace(model.scene, **changed)} if of_scene else changed))
 
-    return Adjustable(
-        name,
-        unit,
-        about,
-        low,
-        high,
-        _FACTOR,
-        get=lambda model: getattr(model.scene, name) or 0.0,
-        put=put,
-        relative=True,
-        typical=typical,
-        keeps_scene=keeps_scene,
-    )
+    options = {"get": get, "put": put, "relative": True, "typical": typical} | options
+    return Adjustable(name, unit, about, low, high, _FACTOR, **options)
 
 
 def _material(name, about, low, high, prior_std, relative=False):
@@ -154,27 +147,14 @@ def _with_tilt(model, value):
     return model._replace(scene=replace(model.scene, environment=elements))
 
 
-def _noise(name, unit, about, low, high):
-    return Adjustable(
-        name,
-        unit,
-        about,
-        low,
-        high,
-        _FACTOR,
-        get=lambda model: getattr(model, name),
-        put=lambda model, value: model._replace(**{name: value}),
-        relative=True,
-    )
-
-
 def adjustables(scene: Scene) -> dict[str, Adjustable]:
     """Return all adjustables of a scene by name; heights are relative to this scene."""
-    point = 0.05 * moving_body(scene).model.bounding_radius
+    point, own = 0.05 * moving_body(scene).model.bounding_radius, {"keeps_scene": False}
+    each = "from motion to motion"
     known = (
         _material("friction", "coefficient of friction between body and surroundings", 0.005, 3.0, 0.5, True),
         _material("restitution", "coefficient of restitution, likewise", 0.0, 1.0, 0.15),
-        _of_scene("impact_friction_speed", "m/s", "closing speed that halves friction", 0.2, 100.0, 3.0),
+        _positive("impact_friction_speed", "m/s", "closing speed that halves friction", 0.2, 100.0, 3.0),
         Adjustable(
             "inertia",
             "",
@@ -191,28 +171,25 @@ def adjustables(scene: Scene) -> dict[str, Adjustable]:
         Adjustable(
             "height", "m", "by how much the surroundings lie higher", -0.02, 0.02, 2e-3, *_raised(scene)
         ),
-        _of_scene("impact_direction_std", "rad", "turn of an impact's impulse", 1e-3, 0.5, 0.03),
-        _of_scene("impact_point_std", "m", "shift of where it acts", 1e-5, 0.05, point),
-        _of_scene("impact_friction_std", "", "of the logarithm of its friction", 1e-3, 1.5, 0.1),
-        replace(
-            _of_scene("friction_std", "", "spread of friction from motion to motion", 1e-4, 0.5, 0.02, False),
-            put=_with_friction_std,
+        _positive("impact_direction_std", "rad", "turn of an impact's impulse", 1e-3, 0.5, 0.03),
+        _positive("impact_point_std", "m", "shift of where it acts", 1e-5, 0.05, point),
+        _positive("impact_friction_std", "", "of the logarithm of its friction", 1e-3, 1.5, 0.1),
+        _positive(
+            "friction_std", "", f"spread of friction {each}", 1e-4, 0.5, 0.02, put=_with_friction_std, **own
         ),
-        _of_scene("restitution_std", "", "likewise of restitution", 1e-4, 0.5, 0.03, keeps_scene=False),
-        Adjustable(
+        _positive("restitution_std", "", "likewise of restitution", 1e-4, 0.5, 0.03, **own),
+        _positive(
             "surface_tilt_std",
             "rad",
-            "tilt of the surroundings, from motion to motion",
+            f"tilt of the surroundings, {each}",
             1e-4,
             0.2,
-            _FACTOR,
-            _tilt,
-            _with_tilt,
-            relative=True,
-            typical=5e-3,
+            5e-3,
+            get=_tilt,
+            put=_with_tilt,
         ),
-        _noise("position_noise", "m", "error of a recorded position", 1e-6, 0.05),
-        _noise("rotation_noise", "rad", "error of a recorded rotation", 1e-5, 0.5),
+        _positive("position_noise", "m", "error of a recorded position", 1e-6, 0.05, of_scene=False),
+        _positive("rotation_noise", "rad", "error of a recorded rotation", 1e-5, 0.5, of_scene=False),
     )
     return {one.name: one for one in known}
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..checks.errors import InvalidRequestError
 from ..checks.validation import array, integer, positive
+from ..prediction.executors import ROUND_CHUNK_TIME, AnyExecutor, Workers, in_order
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..spatial.layout import (
@@ -24,12 +27,13 @@ from ..spatial.layout import (
     QUATERNION,
     STATE,
 )
+from ..spatial.quaternions import inverse, product, rotation_vectors
+from ..spatial.rotation import exp_vectors
 from ..tracking.measurements import POSE_ERRORS, PoseMeasurement
 from ..tracking.noise import ContactNoise
 from ..tracking.tracker import Tracker
 from .flight import fit_start, flight_frames, moving_body, pose_noise
 from .motions import Motion
-from .quaternions import inverse, of_vectors, product, rotation_vectors
 
 #: Fields of `ContactNoise` that are fitted; the other fields keep their values.
 FITTED = ("velocity", "rotation", "lasting", "shape_position", "shape_rotation")
@@ -70,6 +74,7 @@ def calibrate_contact_noise(
     members: int = 64,
     evaluations: int = 40,
     seed: int = 0,
+    executor: AnyExecutor = None,
     progress: Callable[[int, int, float], object] | None = None,
 ) -> NoiseCalibration:
     """Fit the contact noise of a tracker to recorded motions.
@@ -97,6 +102,8 @@ def calibrate_contact_noise(
     evaluations : int, optional
         Sets of values that are tried.
     seed : int, optional
+    executor : concurrent.futures.Executor, callable or str, optional
+        Follows the motions, as in `predict_many`; by default this process. The result does not depend on it.
     progress : callable, optional
         Called with the number of sets that were tried, of how many, and the best score so far.
 
@@ -127,20 +134,23 @@ def calibrate_contact_noise(
         factors = np.exp(_PRIOR_STD * x)
         changes = {name: getattr(noise, name) * f for name, f in zip(FITTED, factors.tolist(), strict=True)}
         tried = replace(noise, **changes)
-        scores = [_score(one, scene, std, recorded, tried, members, seed) for one in shown]
-        score = float(np.mean(np.concatenate(scores)))
+        work = partial(_score, scene, std, recorded, tried, members, seed)
+        if not found:
+            work(shown[0])  # this process compiles, and workers load
+        score = float(np.mean(np.concatenate([*in_order(workers.results(work, shown))])))
         found.append((score - 0.5 * float(x @ x) / len(shown), tried))
         if progress is not None:
             progress(len(found), evaluations, max(found, key=lambda one: one[0])[0])
         return -found[-1][0]
 
-    minimize(
-        loss,
-        np.zeros(len(FITTED)),
-        method="COBYQA",
-        bounds=[(-_WIDEST, _WIDEST)] * len(FITTED),
-        options={"maxfev": evaluations, "initial_tr_radius": 0.7, "final_tr_radius": 0.05},
-    )
+    with closing(Workers(executor, ROUND_CHUNK_TIME)) as workers:
+        minimize(
+            loss,
+            np.zeros(len(FITTED)),
+            method="COBYQA",
+            bounds=[(-_WIDEST, _WIDEST)] * len(FITTED),
+            options={"maxfev": evaluations, "initial_tr_radius": 0.7, "final_tr_radius": 0.05},
+        )
     best = max(found, key=lambda one: one[0])
     return NoiseCalibration(best[1], (found[0][0], best[0]), len(shown), len(found))
 
@@ -163,12 +173,12 @@ def _shown(motion, scene, std, rate, seed, k):
         return None
     poses = motion.poses[frames]
     errors = std * np.random.default_rng((seed, k)).standard_normal((len(frames), 6))
-    turned = product(poses[:, 3:], of_vectors(errors[:, 3:]))
+    turned = product(poses[:, 3:], exp_vectors(errors[:, 3:]))
     measured = np.concatenate([poses[:, :3] + errors[:, :3], turned], axis=1)
     return _Recording(motion.times[frames], poses, measured, max(contact, 2))
 
 
-def _score(one, scene, std, recorded, noise, members, seed):
+def _score(scene, std, recorded, noise, members, seed, one):
     """Return the logarithmic densities (n,) of a motion's poses, each at least `_LEAST_SCORE`."""
     name, found = moving_body(scene).name, []
     tracker = _started(one, scene, noise, members, seed)

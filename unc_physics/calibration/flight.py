@@ -25,10 +25,10 @@ from ..spatial.layout import (
     STATE,
     VELOCITY,
 )
-from ..spatial.rotation import rotation_matrix
+from ..spatial.quaternions import inverse as inverse_of
+from ..spatial.quaternions import product, rotation_vectors
+from ..spatial.rotation import exp_vectors, rotation_matrix
 from .motions import Motion
-from .quaternions import inverse as inverse_of
-from .quaternions import of_vectors, product, rotation_vectors
 
 FRAMES = 8  # of the first poses, at most, that the start is fitted to
 MARGIN = 2e-3  # least distance of a flying body from the environment [m]
@@ -100,7 +100,7 @@ def _pose_ahead(motion, k, gravity):
     (first, second), (before, step) = motion.poses[k - 2 : k], np.diff(motion.times[k - 2 : k + 1])
     position = second[:3] + step / before * (second[:3] - first[:3]) + 0.5 * step * (step + before) * gravity
     turn = rotation_vectors(product(second[3:], inverse_of(first[3:])))
-    return np.concatenate([position, product(of_vectors(step / before * turn), second[3:])])
+    return np.concatenate([position, product(exp_vectors(step / before * turn), second[3:])])
 
 
 def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> FlightStart | None:
@@ -122,7 +122,7 @@ def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> FlightStart
         free = _free_turning(first, spin, t, inertia)
         turns = rotation_vectors(product(seen, inverse_of(free)))
         change = inverse @ design.T @ turns
-        first, spin = product(of_vectors(change[0]), first), spin + change[1]
+        first, spin = product(exp_vectors(change[0]), first), spin + change[1]
         if np.abs(change).max() < _SETTLED:
             break
     turns = turns - design @ change
@@ -153,7 +153,7 @@ def fit_start(motion: Motion, scene: Scene, frames: int = FRAMES) -> FlightStart
 def _free_turning(quaternion, spin, times, inertia):
     """Return orientations (n, 4) at times from 0 on, without torque; ``inertia`` (3, 3) is in body axes."""
     if np.ptp(np.linalg.eigvalsh(inertia)) < _ROUND * inertia[0, 0]:
-        return product(of_vectors(times[:, None] * spin), quaternion)
+        return product(exp_vectors(times[:, None] * spin), quaternion)
     R = rotation_matrix(quaternion)
     momentum, inverse = R @ inertia @ R.T @ spin, np.linalg.inv(inertia)
 
@@ -165,8 +165,8 @@ def _free_turning(quaternion, spin, times, inertia):
     for wait in np.diff(times, prepend=times[0]):
         steps = math.ceil(wait / _STEP)
         for _ in range(steps):
-            half = product(of_vectors(0.5 * wait / steps * rate(now)), now)
-            now = product(of_vectors(wait / steps * rate(half)), now)
+            half = product(exp_vectors(0.5 * wait / steps * rate(now)), now)
+            now = product(exp_vectors(wait / steps * rate(half)), now)
         found.append(now)
     return np.array(found)
 

@@ -17,11 +17,12 @@ from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.scene import Scene
 from ..spatial.layout import POSITION, QUATERNION
+from ..spatial.quaternions import product
+from ..spatial.rotation import exp_vectors
 from . import scores
 from .adjustable import Model
 from .flight import fit_start
 from .motions import Motion
-from .quaternions import of_vectors, product
 
 TIMES = (0.1, 0.2, 0.4)  # after the start at which predictions are scored, beside the end [s]
 DRAWS = 480  # samples of all motions together
@@ -98,7 +99,7 @@ def as_recorded(states: Sequence[np.ndarray], model: Model, seed: int) -> list[n
     for x in states:
         noise, shown = rng.standard_normal((len(x), 6)), x.copy()
         shown[:, POSITION] += model.position_noise * noise[:, :3]
-        shown[:, QUATERNION] = product(x[:, QUATERNION], of_vectors(model.rotation_noise * noise[:, 3:]))
+        shown[:, QUATERNION] = product(x[:, QUATERNION], exp_vectors(model.rotation_noise * noise[:, 3:]))
         found.append(shown)
     return found
 

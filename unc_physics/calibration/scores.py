@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..spatial.layout import POSITION, QUATERNION
-from .quaternions import inverse, mean, product, rotation_vectors
+from ..spatial.quaternions import inverse, mean, product, rotation_vectors
 
 UP_ANGLE = 0.5  # angle between upward directions below which the same side of two bodies is up [rad]
 OUTSIDE = 0.05  # weight of the wide part of a density (`gaussian_scores`)
@@ -130,6 +130,8 @@ def gaussian_scores(errors: np.ndarray, observed: np.ndarray, wide: float) -> tu
     The score of a Gaussian fitted to few samples is biased. Both of its terms are corrected by moments of the
     Wishart distribution, so that their expectations are those of infinitely many samples.
     """
+    from scipy.special import digamma
+
     count, dimensions = errors.shape[-2:]
     samples, seen, root_determinant = _whitened(errors, observed)
     square, freedom = np.sum(seen**2, axis=-1), count - 1
@@ -137,17 +139,10 @@ def gaussian_scores(errors: np.ndarray, observed: np.ndarray, wide: float) -> tu
     if freedom > dimensions + 1:
         square = (freedom - dimensions - 1) / freedom * square - dimensions / count
         halves = 0.5 * (freedom - np.arange(dimensions))
-        root_determinant = root_determinant - 0.5 * float(np.sum(_digamma(halves) - np.log(0.5 * freedom)))
+        root_determinant = root_determinant - 0.5 * float(np.sum(digamma(halves) - np.log(0.5 * freedom)))
     inside = np.log1p(-OUTSIDE) - 0.5 * square - root_determinant
     outside = np.log(OUTSIDE) - 0.5 * np.sum(observed**2, axis=-1) / wide**2 - dimensions * np.log(wide)
     return -np.logaddexp(inside, outside) / dimensions, rank
-
-
-def _digamma(x):
-    """Return the logarithmic derivative of the gamma function, by its recurrence and its series from 6 on."""
-    y = x + 6.0
-    series = np.log(y) - 0.5 / y - 1.0 / (12.0 * y**2) + 1.0 / (120.0 * y**4)
-    return series - sum(1.0 / (x + k) for k in range(6))
 
 
 def _whitened(errors, observed):

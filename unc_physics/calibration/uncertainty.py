@@ -57,6 +57,8 @@ def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
 
     The posterior is that of all motions; ``x`` (K,) are the scaled values that the search found.
     """
+    from scipy.optimize import lsq_linear
+
     x = np.clip(x, posterior.low, posterior.high)
     middle = posterior.at(x)
     axes = [_axis(posterior, x, middle, k) for k in range(len(x))]
@@ -65,9 +67,9 @@ def refine(posterior: Posterior, x: np.ndarray) -> Estimate:
     H = back.T @ _hessian(posterior, x, middle, axes, alone) @ back
     slopes = np.array([axis.slope for axis in axes]).T @ back  # (M, K)
     steps = np.array([abs(axis.step) for axis in axes])
-    way = _least_in_box(
-        slopes.mean(axis=0), H, np.maximum(posterior.low - x, -steps), np.minimum(posterior.high - x, steps)
-    )
+    # the least of the quadratic within the steps and the bounds
+    root, box = np.linalg.cholesky(H), np.clip([x - steps, x + steps], posterior.low, posterior.high) - x
+    way = lsq_linear(root.T, -np.linalg.solve(root, slopes.mean(axis=0)), box, method="bvls").x
     for share in (1.0, 0.5):
         closer = x + share * way
         found = posterior.at(closer)
@@ -196,16 +198,3 @@ def _reach(posterior, x, middle, k, along, by):
 def _standard_error(values):
     """Return the standard error of the mean of values (M,); infinite for one value."""
     return float(np.std(values, ddof=1) / math.sqrt(len(values))) if len(values) > 1 else math.inf
-
-
-def _least_in_box(slope, hessian, low, high):
-    """Return the minimum (K,) of ``slope d + d hessian d / 2`` in a box, by coordinate descent from 0."""
-    d = np.zeros(len(slope))
-    for _ in range(200):
-        before = d.copy()
-        for k in range(len(d)):
-            across = slope[k] + hessian[k] @ d - hessian[k, k] * d[k]
-            d[k] = np.clip(-across / hessian[k, k], low[k], high[k])
-        if np.abs(d - before).max() < 1e-9:
-            break
-    return d

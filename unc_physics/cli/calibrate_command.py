@@ -133,7 +133,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.contact_noise is not None:
         position, rotation = arguments.contact_noise
         std = [position] * 3 + [rotation] * 3
-        print(f"\n{_fit_contact_noise(motions, found.scene, std, evaluations // 2, arguments.seed)}")
+        options = {"seed": arguments.seed, "executor": arguments.executor}
+        print(f"\n{_fit_contact_noise(motions, found.scene, std, evaluations // 2, options)}")
     if arguments.picture is not None:
         from ..calibration.picture import draw_calibration
 
@@ -142,7 +143,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _fit_contact_noise(motions, scene, std, evaluations, seed):
+def _fit_contact_noise(motions, scene, std, evaluations, options):
     """The contact noise that fits motions, as Python text, and what it gains."""
     from tqdm import tqdm
 
@@ -154,8 +155,9 @@ def _fit_contact_noise(motions, scene, std, evaluations, seed):
             bar.total = total
             bar.update(done - bar.n)
 
+        evaluations = max(evaluations, LEAST_EVALUATIONS)
         found = calibrate_contact_noise(
-            motions, scene, std, evaluations=max(evaluations, LEAST_EVALUATIONS), seed=seed, progress=progress
+            motions, scene, std, evaluations=evaluations, progress=progress, **options
         )
     fields = ", ".join(f"{name}={getattr(found.noise, name):.3g}" for name in FITTED)
     before, after = found.scores

@@ -1,6 +1,6 @@
-"""Corrections by measurements: of an ensemble of states, and of a Gaussian.
+"""Corrections of an ensemble of states by measurements.
 
-The ensemble's update is deterministic: a square-root filter whose members have the mean and the covariance of
+The update is deterministic: a square-root filter whose members have the mean and the covariance of
 the Kalman filter, without perturbed observations (Andrews 1968; Tippett et al. 2003).
 """
 
@@ -13,20 +13,10 @@ import numpy as np
 
 from ..compiler import kernel
 from ..compiler.arrays import empty, zeros
-from ..scene.belief import Belief
 from ..spatial.layout import ERROR
 from ..spatial.moments import boxplus, mean_and_errors, spread_states
 from .measurements import Observation
-from .observation import (
-    RELATIVE_POSE,
-    expectation,
-    factor,
-    kalman_update,
-    log_density,
-    solve_lower,
-    solve_upper,
-    write_residual,
-)
+from .observation import RELATIVE_POSE, factor, log_density, solve_lower, solve_upper, write_residual
 
 
 class Gates(NamedTuple):
@@ -301,46 +291,3 @@ def correct_errors(mean, errors, columns, bodies, reading, gates, change):
                 total += Z[n, r] * reduced[r]
             errors[n, column] -= total
     return square, density, True
-
-
-def correct(
-    belief: Belief, body: int, observation: Observation, *, reference: int | None = None, delay: float = 0.0
-) -> tuple[Belief, Innovation]:
-    """Correct a Gaussian belief by a measurement: the extended Kalman filter's update.
-
-    Parameters
-    ----------
-    belief : Belief
-    body : int
-        Index of the measured body, which moves.
-    observation : Observation
-    reference : int, optional
-        Index of the body that a relative pose refers to.
-    delay : float, optional
-        How much later than the belief it was taken [s].
-
-    Returns
-    -------
-    belief : Belief
-    innovation : Innovation
-    """
-    other = body if reference is None else reference
-    y, own, by_other = expectation(
-        belief.mean[body].copy(),
-        belief.mean[other].copy(),
-        observation.kind,
-        observation.value,
-        observation.point,
-        delay,
-        len(observation.noise),
-    )
-    moving = belief.moving.tolist()
-    H = np.zeros((len(y), ERROR * len(moving)))
-    for index, slope in ((body, own), (other, by_other)):
-        if index in moving:
-            k = ERROR * moving.index(index)
-            H[:, k : k + ERROR] += slope
-    change, P, square, density = kalman_update(np.array(belief.joint), H, y, observation.noise)
-    mean = belief.mean.copy()
-    _move_mean(mean, belief.moving, change, ERROR * np.arange(len(moving)))
-    return Belief.trusted(mean, P, belief.moving), Innovation(square, density, True)

@@ -84,7 +84,7 @@ class Filter(NamedTuple):
     def corrected(self, seen: Observation, reference: np.ndarray, hard: float) -> tuple[Filter, Innovation]:
         """Return the filter after a measurement at its time, and how both agreed."""
         rows = len(seen.noise)
-        y, H, _ = expectation(self.mean, reference, seen.kind, seen.value, seen.point, 0.0, rows)
+        y, H = expectation(self.mean, reference, seen.kind, seen.value, seen.point, rows)
         change, P, square, density = kalman_update(self.covariance, H, y, seen.noise)
         if not square <= of_dimensions(hard, rows):
             return self, Innovation(square, density, False)

@@ -13,6 +13,8 @@ from ..scene.action_arrays import AIR_DENSITY
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 from ..spatial.moments import spread_states
+from ..spatial.quaternions import product
+from ..spatial.rotation import exp_vectors
 
 #: Share of its weight's impulse above which a body counts as in contact; without gravity, speed [m/s].
 _LEAST_SHARE, _LEAST_IMPULSE = 0.05, 1e-6
@@ -158,19 +160,9 @@ def disturb_contacts(
         shift = np.where(resting[..., None], noise.drift * root * across, shift)
         turn = np.where(resting[..., None], noise.turn * root * about, turn)
     states[:, moving, POSITION] += shift
-    states[:, moving, QUATERNION] = _apply_rotation_vectors(states[:, moving, QUATERNION], turn)
+    turned = product(exp_vectors(turn), states[:, moving, QUATERNION])
+    states[:, moving, QUATERNION] = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
     return share
-
-
-def _apply_rotation_vectors(q, turn):
-    """Return quaternions (..., 4) after rotation vectors (..., 3), world axes."""
-    angle = np.sqrt(np.einsum("...k,...k->...", turn, turn))[..., None]
-    axis, w = turn * (0.5 * np.sinc(0.5 * angle / np.pi)), np.cos(0.5 * angle)
-    v, s = q[..., :3], q[..., 3:]
-    out = np.concatenate(
-        [w * v + s * axis + np.cross(axis, v), w * s - np.sum(axis * v, axis=-1, keepdims=True)], axis=-1
-    )
-    return out / np.linalg.norm(out, axis=-1, keepdims=True)
 
 
 def whitened_draws(mean: np.ndarray, root: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -89,41 +89,28 @@ def log_density(L, m, square):
 
 
 @kernel(noinline=True)
-def expectation(x, reference, kind, value, point, delay, rows):
-    """Return the innovation (m,) of a measurement, and its derivatives (m, 12) by both states.
+def expectation(x, reference, kind, value, point, rows):
+    """Return the innovation (m,) of a measurement, and its derivative (m, 12) by the error state.
 
-    The derivatives are central differences in the error states: steps of 1e-6 leave errors of 1e-9.
+    It is a central difference: steps of 1e-6 leave errors of 1e-9.
     """
-    y, H, G = empty(rows), zeros((rows, ERROR)), zeros((rows, ERROR))
-    write_residual(x, reference, kind, value, point, delay, y)
+    y, H = empty(rows), zeros((rows, ERROR))
+    write_residual(x, reference, kind, value, point, 0.0, y)
     d, moved, plus, minus = zeros(ERROR), empty(len(x)), empty(rows), empty(rows)
     step = 1e-6
-    for body in range(2 if kind == RELATIVE_POSE else 1):
-        for c in range(ERROR):
-            d[c] = step
-            if body == 0:
-                boxplus(x, d, moved)
-                write_residual(moved, reference, kind, value, point, delay, plus)
-            else:
-                boxplus(reference, d, moved)
-                write_residual(x, moved, kind, value, point, delay, plus)
-            d[c] = -step
-            if body == 0:
-                boxplus(x, d, moved)
-                write_residual(moved, reference, kind, value, point, delay, minus)
-            else:
-                boxplus(reference, d, moved)
-                write_residual(x, moved, kind, value, point, delay, minus)
-            d[c] = 0.0
-            for r in range(rows):
-                slope = (plus[r] - minus[r]) / (2.0 * step)
-                if body == 0:
-                    H[r, c] = slope
-                else:
-                    G[r, c] = slope
+    for c in range(ERROR):
+        d[c] = step
+        boxplus(x, d, moved)
+        write_residual(moved, reference, kind, value, point, 0.0, plus)
+        d[c] = -step
+        boxplus(x, d, moved)
+        write_residual(moved, reference, kind, value, point, 0.0, minus)
+        d[c] = 0.0
+        for r in range(rows):
+            H[r, c] = (plus[r] - minus[r]) / (2.0 * step)
     for r in range(rows):
         y[r] = -y[r]
-    return y, H, G
+    return y, H
 
 
 @kernel(noinline=True)

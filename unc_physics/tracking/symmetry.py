@@ -16,6 +16,7 @@ from ..checks.validation import array, instance, numbers, quaternion
 from ..scene.scene import Scene
 from ..spatial.layout import ERR_ROTATION, ERROR, QUATERNION
 from ..spatial.moments import mean_and_errors
+from ..spatial.quaternions import inverse, product
 from ..spatial.rotation import rotation_matrix
 from .measurements import Observation
 from .observation import RELATIVE_POSE
@@ -85,9 +86,9 @@ class Symmetry(NamedTuple):
         """
         turns, axis = self.rotations, self.axis
         if axis is not None:  # each discrete rotation, then that about the axis which comes nearest
-            between = _product(_conjugate(expected), _product(observation.value[3:], turns))
-            turns = _products(turns, _inverses(_about(axis, between)))
-        equivalents = _product(observation.value[3:], turns)
+            between = product(inverse(expected), product(observation.value[3:], turns))
+            turns = product(turns, inverse(_about(axis, between)))
+        equivalents = product(observation.value[3:], turns)
         best = int(np.argmax(np.abs(equivalents @ expected)))
         value, noise = observation.value.copy(), observation.noise.copy()
         value[3:] = equivalents[best]
@@ -111,8 +112,8 @@ class Symmetry(NamedTuple):
         states = states.copy()
         for _ in range(2):  # about the first member, then about the mean
             q = states[:, body, QUATERNION]
-            turns = _about(self.axis, _product(_conjugate(mean), q))
-            states[:, body, QUATERNION] = _products(q, _inverses(turns))
+            turns = _about(self.axis, product(inverse(mean), q))
+            states[:, body, QUATERNION] = product(q, inverse(turns))
             mean = mean_and_errors(states, np.array([body]))[0][body, QUATERNION]
         return states
 
@@ -177,7 +178,7 @@ def folded(
         return observation
     expected = body[QUATERNION]
     if observation.kind == RELATIVE_POSE:
-        expected = _product(_conjugate(reference[QUATERNION]), expected)
+        expected = product(inverse(reference[QUATERNION]), expected)
     return symmetry.folded(observation, expected)
 
 
@@ -209,24 +210,3 @@ def _about(axis, turns):
     along, w = np.where(size > 0.0, along, 0.0), np.where(size > 0.0, w, 1.0)
     size = np.where(size > 0.0, size, 1.0)
     return np.concatenate([(along / size)[..., None] * axis, (w / size)[..., None]], axis=-1)
-
-
-def _inverses(q):
-    return q * np.array([-1.0, -1.0, -1.0, 1.0])
-
-
-def _conjugate(q):
-    return np.array([-q[0], -q[1], -q[2], q[3]])
-
-
-def _product(a, b):
-    """Return Hamilton products of a quaternion (4,) and quaternions (..., 4)."""
-    return _products(np.broadcast_to(a, np.shape(b)), b)
-
-
-def _products(a, b):
-    """Return Hamilton products of quaternions (..., 4)."""
-    v, w, s, t = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
-    return np.concatenate(
-        [w * s + t * v + np.cross(v, s), w * t - np.sum(v * s, axis=-1, keepdims=True)], axis=-1
-    )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .rotation import exp_vectors
+
 _ROUNDS = 10  # of the mean, at most
 
 
@@ -33,18 +35,12 @@ def rotation_vectors(q: np.ndarray) -> np.ndarray:
     return factor * q[..., :3]
 
 
-def of_vectors(turns: np.ndarray) -> np.ndarray:
-    """Return the quaternions of rotation vectors (..., 3) [rad]."""
-    angle = np.linalg.norm(turns, axis=-1, keepdims=True)
-    return np.concatenate([0.5 * np.sinc(0.5 * angle / np.pi) * turns, np.cos(0.5 * angle)], axis=-1)
-
-
 def mean(q: np.ndarray) -> np.ndarray:
     """Return the Karcher means (..., 4) of quaternions (..., n, 4)."""
     middle = np.linalg.eigh(np.einsum("...ni,...nj->...ij", q, q))[1][..., -1]
     for _ in range(_ROUNDS):
         turn = rotation_vectors(product(inverse(middle)[..., None, :], q)).mean(axis=-2)
-        middle = product(middle, of_vectors(turn))
+        middle = product(middle, exp_vectors(turn))
         if np.sum(turn**2, axis=-1).max() < 1e-12:
             break
     return middle / np.linalg.norm(middle, axis=-1, keepdims=True)
