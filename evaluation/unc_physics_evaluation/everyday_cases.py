@@ -11,6 +11,7 @@ import numpy as np
 from unc_physics import Belief, Plane, PosePath, RigidBody, Scene, load_model
 from unc_physics.scene.kinematic_states import with_kinematic
 from unc_physics.shapes.packing_file import SpherePacking
+from unc_physics.shapes.primitive_models import ball
 from unc_physics.spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from unc_physics.spatial.rotation import rotation_matrix
 
@@ -92,21 +93,8 @@ def _on_incline():
     return _everyday(model, Plane(normal, name="incline"), at_rest=True), mean, 0.5
 
 
-def ball(name: str, radius: float) -> SpherePacking:
-    """A uniform ball."""
-    return SpherePacking(
-        name,
-        np.zeros((1, 3)),
-        np.array([radius]),
-        0.4 * radius**2 * np.eye(3),
-        4.0 / 3.0 * math.pi * radius**3,
-        np.zeros(3),
-        bounding_radius=radius,
-    )
-
-
 def _ball_bounces(restitution, horizon):
-    model = ball("ball", BALL_RADIUS)
+    model = ball(BALL_RADIUS)
     mean = _state(BALL_RADIUS + 0.2, (0.5, 0.0, 0.0), (1.0, 0.0, 0.0))
     return _everyday(model, restitution=restitution), mean, horizon
 
@@ -130,7 +118,7 @@ def _finger():
         times=[0.0, 0.5], positions=[[-reach - 0.005, 0.01, height], [-reach + 0.02, 0.01, height]]
     )
     scene = _everyday(model, at_rest=True)
-    finger = RigidBody("finger", ball("finger", 0.02), trajectory=line)
+    finger = RigidBody("finger", ball(0.02), trajectory=line)
     return replace(scene, bodies=[*scene.bodies, finger]), _state(height), 0.4
 
 

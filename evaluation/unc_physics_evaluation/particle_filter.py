@@ -164,7 +164,6 @@ class ParticleFollower:
                 belief = self._start.belief(time)
                 self._particles = ParticleFilter(self._scene, belief, time, self._count, self._seed)
                 self._start = None
-        return True
 
     def belief(self, time):
         return (self._start or self._particles).belief(time)

@@ -46,8 +46,8 @@ class Line(NamedTuple):
         return label(self.method) + (f", {self.given}" if self.method not in (MARGINAL, STILL) else "")
 
 
-def lines(rows: Rows, chosen: Sequence[tuple[str, str]] = LINES) -> list[Line]:
-    """Return the chosen predictions, of a method with what is given to it, grouped by set."""
+def lines(rows: Rows) -> list[Line]:
+    """Return the predictions of `LINES`, grouped by set."""
     found: dict[tuple, dict[str, dict[int, float]]] = {}
     times: dict[tuple, list[float]] = {}
     for row in rows:
@@ -58,7 +58,7 @@ def lines(rows: Rows, chosen: Sequence[tuple[str, str]] = LINES) -> list[Line]:
             found.setdefault(key, {}).setdefault(row["quantity"], {})[row["replicate"]] = row["value"]
     return [
         Line(name, method, given, found[name, method, given], times.get((name, method, given), []))
-        for name, (method, given) in product(rows.unique("set"), chosen)
+        for name, (method, given) in product(rows.unique("set"), LINES)
         if (name, method, given) in found
     ]
 

@@ -92,11 +92,9 @@ def scene_message(kind: str, count: int, rng: np.random.Generator, at_rest: bool
     at_rest : bool
         Whether the objects are at rest; otherwise their velocities are unknown.
     """
-    from shape_msgs.msg import Plane, SolidPrimitive
+    from unc_physics.ros.client import environment, make_message, object_state
+    from unc_physics_msgs.msg import Scene
 
-    from unc_physics_msgs.msg import EnvironmentElement, Scene
-
-    scene = Scene()
     if kind == BIN:
         length, width, height, wall = _BIN
         places = [
@@ -106,35 +104,19 @@ def scene_message(kind: str, count: int, rng: np.random.Generator, at_rest: bool
         for sign in (-1.0, 1.0):
             sides.append(((wall, width, height), (sign * 0.5 * length, 0.0, 0.5 * height)))
             sides.append(((length, wall, height), (0.0, sign * 0.5 * width, 0.5 * height)))
-        for k, (size, position) in enumerate(sides):
-            side = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=size)
-            element = EnvironmentElement(id=f"side_{k}", primitive=side)
-            place = element.pose.position
-            place.x, place.y, place.z = position
-            scene.environment.elements.append(element)
+        surroundings = environment(boxes={f"side_{k}": side for k, side in enumerate(sides)})
     else:
         places = [((k % 5) * _SPACING, (k // 5) * _SPACING, 0.0) for k in range(count)]
-        table = EnvironmentElement(id="table", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
-        scene.environment.elements.append(table)
+        surroundings = environment(planes={"table": (0.0, 0.0, 1.0, 0.0)})
     models = {BOX: ("salt_box",), TABLE: ("can",), BIN: _MODELS}[kind]
-    scene.objects = [
-        _object(f"object_{k}", models[k % len(models)], place, rng, at_rest) for k, place in enumerate(places)
-    ]
-    return scene
-
-
-def _object(name, model, place, rng, at_rest):
-    """Return a detected upright object."""
-    from unc_physics_msgs.msg import ObjectState
-
-    state = ObjectState(id=name, model=model, at_rest=at_rest)
-    turn = 0.5 * rng.normal(0.0, ROTATION_STD, 3)
-    pose, q = state.pose.pose, state.pose.pose.orientation
-    pose.position.x, pose.position.y, pose.position.z = (place + rng.normal(0.0, POSITION_STD, 3)).tolist()
-    q.x, q.y, q.z, q.w = (np.append(turn, 1.0) / np.linalg.norm(np.append(turn, 1.0))).tolist()
-    state.pose.covariance = np.diag([POSITION_STD**2] * 3 + [ROTATION_STD**2] * 3).ravel()
-    state.twist.covariance[0] = -1.0
-    return state
+    variances = np.repeat([POSITION_STD, ROTATION_STD], 3) ** 2
+    objects = []
+    for k, place in enumerate(places):
+        turn = np.append(0.5 * rng.normal(0.0, ROTATION_STD, 3), 1.0)
+        pose = [*(place + rng.normal(0.0, POSITION_STD, 3)), *(turn / np.linalg.norm(turn))]
+        model = models[k % len(models)]
+        objects.append(object_state(f"object_{k}", model, pose, variances, at_rest=at_rest))
+    return make_message(Scene, objects=objects, environment=surroundings)
 
 
 def wait_until(condition, timeout: float = 30.0) -> None:

@@ -28,10 +28,8 @@ from unc_physics.scene.environment import Plane
 from unc_physics.scene.scene import Scene
 from unc_physics.spatial.layout import (
     ANGULAR_VELOCITY,
-    ERR_ANGULAR_VELOCITY,
     ERR_POSITION,
     ERR_ROTATION,
-    ERR_VELOCITY,
     POSITION,
     QUATERNION,
     VELOCITY,
@@ -102,8 +100,8 @@ class Frames(NamedTuple):
 class Follower(Protocol):
     """What follows a body."""
 
-    def correct(self, time: float, measurement: PoseMeasurement) -> bool:
-        """Take a measurement; return whether it was accepted."""
+    def correct(self, time: float, measurement: PoseMeasurement) -> None:
+        """Take a measurement."""
         ...
 
     def belief(self, time: float) -> Belief:
@@ -165,21 +163,23 @@ def frames_of(tosses: Tosses, k: int, rate: float, condition: str, seed: int) ->
     return Frames(some * tosses.dt, truth, measured, is_outlier, is_seen, some >= contact)
 
 
+def _first(frames):
+    """Return mean (13,) and covariance (12, 12) of a body that is measured once."""
+    mean = np.concatenate([frames.measured[0, :3], np.zeros(3), frames.measured[0, 3:], np.zeros(3)])
+    return mean, np.diag(np.repeat([1.0, UNKNOWN[0], 1.0, UNKNOWN[1]], 3) ** 2)
+
+
 class TrackerFollower:
     """The library's tracker, which begins without velocities."""
 
     def __init__(self, scene: Scene, frames: Frames, seed: int, **options):
-        mean = np.zeros((1, 13))
-        mean[0, POSITION], mean[0, QUATERNION] = frames.measured[0, :3], frames.measured[0, 3:]
-        std = np.zeros(12)
-        std[ERR_POSITION], std[ERR_ROTATION] = 1.0, 1.0
-        std[ERR_VELOCITY], std[ERR_ANGULAR_VELOCITY] = UNKNOWN
-        belief = Belief(mean, np.diag(std**2)[None])
+        mean, P = _first(frames)
+        belief = Belief(mean[None], P[None])
         self.tracker = Tracker(scene, belief, time=float(frames.times[0]), seed=seed, **options)
         self._name = scene.bodies[0].name
 
     def correct(self, time, measurement):
-        return not self.tracker.correct(time, {self._name: measurement}).rejected
+        self.tracker.correct(time, {self._name: measurement})
 
     def belief(self, time):
         return self.tracker.belief(time)
@@ -197,17 +197,11 @@ class FilterFollower:
 
     def __init__(self, scene: Scene, frames: Frames, seed: int, physics: bool = False):
         self._scene, self._seed, self._physics = scene, seed, physics
-        mean = np.zeros(13)
-        mean[POSITION], mean[QUATERNION] = frames.measured[0, :3], frames.measured[0, 3:]
-        std = np.zeros(12)
-        std[ERR_POSITION], std[ERR_ROTATION] = 1.0, 1.0
-        std[ERR_VELOCITY], std[ERR_ANGULAR_VELOCITY] = UNKNOWN
-        self.filter = Filter(mean, np.diag(std**2), float(frames.times[0]))
+        self.filter = Filter(*_first(frames), float(frames.times[0]))
 
     def correct(self, time, measurement):
         seen = measurement.observation(self._scene.bodies[0])
-        self.filter, found = self.filter.at(time).corrected(seen, self.filter.mean, 100.0)
-        return found.accepted
+        self.filter = self.filter.at(time).corrected(seen, self.filter.mean, 100.0)[0]
 
     def belief(self, time):
         now = self.filter.at(time)
@@ -231,7 +225,6 @@ class Score(NamedTuple):
     """Figures of one frame; NaN where there is none. ``seconds`` is the CPU time of the correction."""
 
     in_contact: bool
-    seen_again: bool
     carried: bool
     nees_position: float
     nees_rotation: float
@@ -244,14 +237,9 @@ class Score(NamedTuple):
     ahead_log: float
     ahead_inside_position: float
     ahead_inside_rotation: float
-    ahead_rests: float
-    rejected_outlier: float
-    rejected_good: float
     seconds: float
 
 
-#: Speed below which a recorded body rests [m/s].
-_AT_REST = 0.02
 #: 90 % quantiles of chi squared with 3 and 6 degrees of freedom.
 _INSIDE_3, _INSIDE_6 = 6.251, 10.645
 
@@ -263,24 +251,17 @@ def scores(follower: Follower, frames: Frames, ahead_every: int = 1) -> Iterator
     """
     nan = float("nan")
     last = float(frames.times[-1])
-    unseen = False
     for n, when in enumerate(frames.times.tolist()):
         truth, seen = frames.truth[n], bool(frames.is_seen[n])
-        next_log = next_inside = rejected_outlier = rejected_good = seconds = nan
-        if not seen:
-            unseen = True
+        next_log = next_inside = seconds = nan
         measurement = PoseMeasurement(frames.measured[n], NOISE)
         if n > 2 and not frames.is_outlier[n]:
             next_log, square = _density(follower.belief(when), frames.measured[n], np.diag(NOISE**2))
             next_inside = float(square < _INSIDE_6)
         if seen:
             started = time.process_time()
-            accepted = follower.correct(when, measurement)
+            follower.correct(when, measurement)
             seconds = time.process_time() - started
-            if frames.is_outlier[n]:
-                rejected_outlier = float(not accepted)
-            else:
-                rejected_good = float(not accepted)
         belief = follower.belief(when)
         position, rotation = _errors(belief, truth)
         P = belief.marginal(0)
@@ -289,12 +270,11 @@ def scores(follower: Follower, frames: Frames, ahead_every: int = 1) -> Iterator
             for e, block in ((position, ERR_POSITION), (rotation, ERR_ROTATION))
         )
         velocity = float(np.linalg.norm(belief.mean[0, VELOCITY] - truth[VELOCITY]))
-        ahead_position = ahead_log = ahead_inside_position = ahead_inside_rotation = ahead_rests = nan
+        ahead_position = ahead_log = ahead_inside_position = ahead_inside_rotation = nan
         target = int(np.argmin(np.abs(frames.times - when - AHEAD)))
         if seen and n % ahead_every == 0 and n > 2:
             duration = float(frames.times[target] - when) if when + AHEAD <= last else AHEAD
             there = follower.ahead(duration)
-            ahead_rests = float(np.linalg.norm(frames.truth[target, VELOCITY]) < _AT_REST)
             ahead_log, _ = _density(there, _pose(frames.truth[target]), np.zeros((6, 6)))
             p, r = _errors(there, frames.truth[target])
             Q = there.marginal(0)
@@ -305,7 +285,6 @@ def scores(follower: Follower, frames: Frames, ahead_every: int = 1) -> Iterator
             ahead_position = float(np.linalg.norm(p))
         yield Score(
             bool(frames.in_contact[n]),
-            seen and unseen,
             follower.is_carried,
             nees_position,
             nees_rotation,
@@ -318,13 +297,8 @@ def scores(follower: Follower, frames: Frames, ahead_every: int = 1) -> Iterator
             ahead_log,
             ahead_inside_position,
             ahead_inside_rotation,
-            ahead_rests,
-            rejected_outlier,
-            rejected_good,
             seconds,
         )
-        if seen:
-            unseen = False
 
 
 def _pose(state):

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics import UncPhysicsError
 from unc_physics.calibration.calibrate import Fit
-from unc_physics_evaluation.experiments import presets
 from unc_physics_evaluation.experiments import reality as experiment
 from unc_physics_evaluation.jobs import Settings
 from unc_physics_evaluation.methods import MARGINAL, OURS, STILL
@@ -134,22 +133,6 @@ def test_rows_and_report(folder, tmp_path, monkeypatch):
     assert "| cube on a table, 4 | unc_physics, default |" in report
     assert (results.folder / "reality_scores.csv").read_text().count("\n") == 6
     assert (results.folder / "reality_coverage.csv").is_file()
-
-
-def test_a_value_of_the_preset_is_scored_beside_others(folder, tmp_path, monkeypatch):
-    """A cube that bounces like a ball ends far from where it came to rest."""
-    monkeypatch.setattr(
-        presets, "OTHERS", {"restitution": (0.95, presets.PRESETS["everyday"]["restitution"])}
-    )
-    monkeypatch.setattr(experiment, "QUICK", experiment.QUICK | {"motions": 4, "samples_each": 10})
-    results = Results(tmp_path / "results")
-    for job in presets.jobs(Settings(quick=True, data=str(folder))):
-        results.add(job, presets.run(job), {"versions": "", "machine": ""})
-    report = presets.report(results)
-    (elastic,), (same,) = (
-        [line for line in report.splitlines() if f"| {at} |" in line] for at in ("0.95", "0.25 | 0.25")
-    )
-    assert "worse at" in elastic and same.count("+0 (+0 to +0)") == 2
 
 
 def _in_90(line):

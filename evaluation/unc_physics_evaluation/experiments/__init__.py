@@ -27,7 +27,6 @@ BY_NAME = (
     "scenes_at_random",
     "tracking",
     "reality",
-    "presets",
     "packing",
     "latency",
     "releases",

@@ -55,7 +55,7 @@ def run(job: Job) -> Outcome:
 
     with served(NODE, {}) as (node, pid):
         if p["by"] == SERVICE:
-            latencies, spent = _calls(node, make, int(p["amount"]), pid)
+            latencies, spent = _calls(make, int(p["amount"]), pid)
             return Outcome(_rows(latencies, spent))
         latencies, rate, spent = _stream(node, make, float(p["amount"]), pid)
     return Outcome([*_rows(latencies, spent), Row("node", "rate", "Hz", rate)])
@@ -76,24 +76,20 @@ def _rows(latencies, spent):
     return [*found, Row("node", CPU, "ms", 1e3 * spent / max(len(latencies), 1))]
 
 
-def _calls(node, make, count, pid):
+def _calls(make, count, pid):
     """Return latencies of calls and the node's CPU time [s], after two calls that are not counted."""
-    from unc_physics.ros.messages.fields import duration
+    from unc_physics.ros.client import Client, make_message
     from unc_physics_msgs.msg import PredictionRequest
-    from unc_physics_msgs.srv import Predict
 
-    client, latencies = node.create_client(Predict, f"/{NODE}/predict"), []
-    client.wait_for_service(30.0)
-    before = 0.0
-    for k in range(count + 2):
-        if k == 2:
-            before = cpu_time(pid)
-        request = PredictionRequest(scene=make(), horizon=duration(_HORIZON))
-        began = time.perf_counter()
-        answer = client.call(Predict.Request(request=request))
-        latencies.append(time.perf_counter() - began)
-        if answer.result.error_code:
-            raise RuntimeError(answer.result.error_msg)
+    latencies, before = [], 0.0
+    with Client(f"/{NODE}") as client:
+        for k in range(count + 2):
+            if k == 2:
+                before = cpu_time(pid)
+            request = make_message(PredictionRequest, scene=make(), horizon=_HORIZON)
+            began = time.perf_counter()
+            client.predict(request)
+            latencies.append(time.perf_counter() - began)
     return latencies[2:], cpu_time(pid) - before
 
 

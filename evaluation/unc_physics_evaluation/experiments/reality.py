@@ -164,10 +164,9 @@ def _by_physics(own: RecordedSet, tests, others, p, seed: int) -> list[Row]:
 
 
 def _given(own: RecordedSet, scene: Scene, by: str, given: str) -> Scene:
-    """Return the scene of a set without calibration: default, exact, with a changed value, or an engine's."""
+    """Return the scene of a set without calibration: default, exact, or an engine's."""
     if by == OURS and given != EXACT:
-        name, changed, value = given.partition("=")
-        return replace(scene, **{name: float(value)}) if changed else scene
+        return scene
     if by == OURS:  # what the scene file gives is exact already
         preset = EXACT_PRESETS["everyday"]
         friction = preset["friction"] if scene.friction_std else scene.friction

@@ -50,18 +50,13 @@ def run(job: Job) -> Outcome:
     """Return whether each outcome lies in each region: 0 or 1."""
     if missing():
         return Outcome([])
-    from unc_physics_msgs.srv import Predict
+    from unc_physics.ros.client import Client
 
     rng, rows = np.random.default_rng(job.seed("scenes")), []
-    with served(NODE, {}) as (node, _):
-        client = node.create_client(Predict, f"/{NODE}/predict")
-        client.wait_for_service(30.0)
+    with served(NODE, {}), Client(f"/{NODE}") as client:
         for k in range(int(job.parameters["count"])):
             scene, state = true_start(str(job.parameters["action"]), MODELS[k % len(MODELS)], rng)
-            answer = client.call(Predict.Request(request=observed(scene, state, rng)))
-            if answer.result.error_code:
-                raise RuntimeError(answer.result.error_msg)
-            predicted = answer.prediction.objects[0].states[-1]
+            predicted = client.predict(observed(scene, state, rng)).objects[0].states[-1]
             seed = int(rng.integers(1, 2**31))
             for by, end in ((OWN, own_end(scene, state, seed)), (MUJOCO, mujoco_end(scene, state, seed))):
                 for region, inside in held(predicted, end).items():
@@ -89,28 +84,24 @@ def true_start(action: str, model: str, rng: np.random.Generator) -> tuple[Scene
 
 def observed(scene: Scene, state: np.ndarray, rng: np.random.Generator):
     """Return the PredictionRequest of a detection with errors."""
-    from unc_physics.ros.messages.fields import duration
-    from unc_physics_msgs.msg import EnvironmentElement, ObjectState, PredictionRequest
-    from unc_physics_msgs.msg import Scene as SceneMessage
+    from unc_physics.ros.client import environment, object_state, prediction_request
 
     (body,), x = scene.bodies, state[0]
     turn = Rotation.from_quat(x[QUATERNION])
-    origin = x[POSITION] + turn.apply(np.array(body.model.origin))
     velocity = x[3:6] + np.cross(x[10:13], turn.apply(np.array(body.model.origin)))
-    seen = ObjectState(id="object", model=body.model.name)
-    place, pose, twist = seen.pose.pose.position, seen.pose.pose, seen.twist.twist
-    place.x, place.y, place.z = (origin + rng.normal(0.0, _POSITION_STD, 3)).tolist()
-    turned = (Rotation.from_rotvec(rng.normal(0.0, _ROTATION_STD, 3)) * turn).as_quat()
-    pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = turned.tolist()
-    twist.linear.x, twist.linear.y, twist.linear.z = (velocity + rng.normal(0.0, _VELOCITY_STD, 3)).tolist()
-    twist.angular.x, twist.angular.y, twist.angular.z = (x[10:13] + rng.normal(0.0, _SPIN_STD, 3)).tolist()
-    seen.pose.covariance = np.diag([_POSITION_STD**2] * 3 + [_ROTATION_STD**2] * 3).ravel()
-    seen.twist.covariance = np.diag([_VELOCITY_STD**2] * 3 + [_SPIN_STD**2] * 3).ravel()
-    table = EnvironmentElement(id="table")
-    table.plane.coef = [0.0, 0.0, 1.0, 0.0]
-    message = SceneMessage(objects=[seen])
-    message.environment.elements = [table]
-    return PredictionRequest(scene=message, horizon=duration(HORIZON), return_samples=_RETURNED)
+    place = _origin(body, x) + rng.normal(0.0, _POSITION_STD, 3)
+    turned = Rotation.from_rotvec(rng.normal(0.0, _ROTATION_STD, 3)) * turn
+    twist = [*(velocity + rng.normal(0.0, _VELOCITY_STD, 3)), *(x[10:13] + rng.normal(0.0, _SPIN_STD, 3))]
+    seen = object_state(
+        "object",
+        body.model.name,
+        [*place, *turned.as_quat()],
+        np.repeat([_POSITION_STD, _ROTATION_STD], 3) ** 2,
+        np.repeat([_VELOCITY_STD, _SPIN_STD], 3) ** 2,
+        twist=twist,
+    )
+    table = environment(planes={"table": (0.0, 0.0, 1.0, 0.0)})
+    return prediction_request([seen], HORIZON, table, return_samples=_RETURNED)
 
 
 def own_end(scene: Scene, state: np.ndarray, seed: int) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 from unc_physics.checks.errors import DivergedError
 from unc_physics.prediction.predict import predict
@@ -11,12 +10,11 @@ from unc_physics.prediction.request_checks import periodic_times
 from unc_physics.prediction.status import assess
 from unc_physics.propagators.registry import PROPAGATORS, make_propagator
 from unc_physics.propagators.start import constrain_belief
-from unc_physics.scene.belief import Belief
-from unc_physics.scene.scene import Scene
 from unc_physics.spatial.layout import ERR_POSITION, ERR_ROTATION, POSITION, QUATERNION
 
 from .. import everyday_cases
 from ..conservation import FINITE, GAIN, mean_gain, rollout_rows, trajectory
+from ..everyday_cases import Case
 from ..hard_cases import digest, load, names
 from ..jobs import Job, Outcome, Row, Settings
 from ..methods import MONTE_CARLO
@@ -60,14 +58,6 @@ SPHERES = 100  # of the paper's bodies
 SIGMAS, ENCOUNTERS = (0.01, 0.05, 0.1), 4
 
 
-class Case(NamedTuple):
-    """A scene to predict: from the catalogue, the paper, or the everyday cases."""
-
-    scene: Scene
-    belief: Belief
-    horizon: float
-
-
 def paper_cases() -> list[str]:
     """Return the names of the paper's scenes."""
     found = [
@@ -80,8 +70,7 @@ def case(name: str) -> Case:
     """Return a case by its name."""
     if name in everyday_cases.names():
         motion, _, belief = name.rpartition(", ")
-        found = everyday_cases.case(motion, belief)
-        return Case(found.scene, found.belief, found.horizon)
+        return everyday_cases.case(motion, belief)
     kind, *rest = name.split()
     if kind == "collision":
         return Case(*collision(rest[0], SPHERES, float(rest[1]), int(rest[2])))

@@ -1,22 +1,20 @@
-"""Tracking of recorded tosses through contact, of a body at rest, and of a body that a hand takes."""
+"""Tracking of recorded tosses through contact, and of a body that a hand takes."""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from unc_physics.calibration.flight import fit_start
-from unc_physics.calibration.motions import Motion
-from unc_physics.prediction.predict import predict
-from unc_physics.propagators.registry import make_propagator
-from unc_physics.spatial.layout import ERR_POSITION, POSITION, QUATERNION, VELOCITY
+from unc_physics.spatial.layout import POSITION
 from unc_physics.tracking.measurements import PoseMeasurement
 
 from ..jobs import Job, Outcome, Row, Settings
 from ..particle_filter import ParticleFollower
 from ..recorded_tosses import recorded_tosses
 from ..results import Results, Rows
+from ..scenarios import resting
 from ..tables import number, table
 from ..tracked_tosses import (
     NOISE,
@@ -31,32 +29,23 @@ from ..tracked_tosses import (
 )
 
 TITLE = "Tracking"
-TRACKER, FILTER, PREDICTED, LEAST_SQUARES = (
-    "tracker",
-    "constant_velocity",
-    "constant_velocity_predict",
-    "least_squares",
-)
+TRACKER, FILTER, PREDICTED = "tracker", "constant_velocity", "constant_velocity_predict"
 #: Numbers of rollouts of particle filters, and the rate [Hz] at which they follow.
 PARTICLES, PARTICLE_RATE = {"particle_filter_200": 200, "particle_filter_1000": 1000}, 30.0
 FULL, QUICK, FOR_PARTICLES = 80, 8, 40  # tosses
 _A_JOB = 20
 #: Conditions and rates [Hz].
 CONDITIONS = (("plain", 148.0), ("plain", 30.0), ("plain", 10.0), ("gap", 30.0), ("outliers", 30.0))
-REST, HAND, LATER = "rest", "hand", "later"
-THEN_AT_REST = "then at rest"
+HAND = "hand"
 FLIGHT, CONTACT = "in flight", "after contact"
-#: Frames of flight from which rest is predicted.
-_FRAMES = 10
-_LATE_FRAMES = 40
-_STILL, _LIFT = 4.0, 0.4  # s, m/s
+_LIFT, _LIFTED_AT = 0.4, 1.5  # m/s, s
 _NEAR = 8e-3  # m
 _RUNS = 20
 _COST = {148.0: 2.0, 30.0: 1.0, 10.0: 0.5}
 
 
 def jobs(settings: Settings) -> list[Job]:
-    """Return jobs for the tosses by method, condition and rate, for rest, the hand, and ends of tosses."""
+    """Return jobs for the tosses by method, condition and rate, and for the hand."""
     count, found = QUICK if settings.quick else FULL, []
 
     def add(cost, **parameters):
@@ -72,10 +61,8 @@ def jobs(settings: Settings) -> list[Job]:
             for method, particles in PARTICLES.items():
                 cost = 0.006 * particles * part["tosses"]
                 add(cost, by=method, condition="plain", rate=PARTICLE_RATE, **part)
-        add(part["tosses"], by=TRACKER, condition=LATER, rate=148.0, **part)
     runs = 4 if settings.quick else _RUNS
-    for condition in (REST, HAND):
-        add(runs, by=TRACKER, condition=condition, rate=30.0, first=0, tosses=runs)
+    add(runs, by=TRACKER, condition=HAND, rate=30.0, first=0, tosses=runs)
     return found
 
 
@@ -95,12 +82,8 @@ def run(job: Job) -> Outcome:
     order = np.random.default_rng(int(p["base_seed"])).permutation(len(recorded_tosses().states))
     numbers = order[int(p["first"]) : int(p["first"]) + int(p["tosses"])]
     for k in numbers.tolist():
-        if p["condition"] == REST:
-            rows += _rest(k)
-        elif p["condition"] == HAND:
+        if p["condition"] == HAND:
             rows += _hand(k)
-        elif p["condition"] == LATER:
-            rows += _later(k, int(p["base_seed"]))
         else:
             rows += _toss(k, str(p["by"]), str(p["condition"]), float(p["rate"]), int(p["base_seed"]))
     return Outcome(rows)
@@ -122,9 +105,6 @@ def _toss(k, method, condition, rate, seed):
     for phase, chosen in ((FLIGHT, False), (CONTACT, True)):
         some = [one for one in found if one.in_contact is chosen]
         rows += _means(some, phase, method, k, seed)
-    rows += _means([one for one in found if one.seen_again], "seen again", method, k, seed)
-    still = [one for one in found if one.in_contact and one.ahead_rests == 1.0]
-    rows += _means(still, THEN_AT_REST, method, k, seed)
     rows.append(
         Row(method, "false alarm", "1", float(any(one.carried for one in found)), replicate=k, seed=seed)
     )
@@ -138,7 +118,7 @@ def _means(some, phase, method, k, seed):
     """Return rows of the means over frames that have a value."""
     rows = []
     for place, name in enumerate(Score._fields):
-        if name in ("in_contact", "seen_again", "carried"):
+        if name in ("in_contact", "carried"):
             continue
         values = np.array([one[place] for one in some], float)
         values = values[np.isfinite(values)]
@@ -157,90 +137,26 @@ def _means(some, phase, method, k, seed):
     return rows
 
 
-def _still_frames(seconds, seed, lift_at=None):
-    """Return frames of a cube that rests on the table until a hand lifts it."""
-    scene = tracked_scene(recorded_tosses())
-    times = np.arange(0.0, seconds, 1.0 / 30.0)
-    model = scene.bodies[0].model
-    height = TABLE.offset + float((model.centers[:, 2] + model.radii).max())
-    truth = np.zeros((len(times), 13))
-    truth[:, 2], truth[:, QUATERNION] = height, [0.0, 0.0, 0.0, 1.0]
-    if lift_at is not None:
-        truth[:, 2] += _LIFT * np.maximum(times - lift_at, 0.0)
-        truth[times > lift_at, 5] = _LIFT
-    errors = NOISE * np.random.default_rng(seed).standard_normal((len(times), 6))
-    half = 0.5 * errors[:, 3:]
-    q = np.concatenate([half, np.ones((len(times), 1))], axis=1)
-    measured = np.concatenate(
-        [truth[:, POSITION] + errors[:, :3], q / np.linalg.norm(q, axis=1, keepdims=True)], axis=1
-    )
-    none, every = np.zeros(len(times), bool), np.ones(len(times), bool)
-    return scene, Frames(times, truth, measured, none, every, every)
-
-
-def _rest(seed):
-    """Return rows of a body at rest: error and standard deviation at the end."""
-    scene, frames = _still_frames(_STILL, seed)
-    follower = TrackerFollower(scene, frames, seed)
-    for time, pose in zip(frames.times.tolist(), frames.measured, strict=True):
-        follower.correct(time, PoseMeasurement(pose, NOISE))
-    belief = follower.belief(float(frames.times[-1]))
-    error = belief.mean[0, POSITION] - frames.truth[-1, POSITION]
-    std = np.sqrt(belief.marginal(0).diagonal()[ERR_POSITION])
-    rows = [("error across", np.linalg.norm(error[:2])), ("error of height", abs(error[2]))]
-    rows += [("std across", np.sqrt(np.mean(std[:2] ** 2)))]
-    return [
-        Row(TRACKER, f"{name} {REST}", "m", float(value), replicate=seed, seed=seed) for name, value in rows
-    ]
-
-
 def _hand(seed):
-    """Return rows of a body that a hand lifts: time until its error remains small."""
-    begin = 1.5
-    scene, frames = _still_frames(3.0, seed, begin)
-    follower = TrackerFollower(scene, frames, seed)
-    late = begin
-    for time, pose, truth in zip(frames.times.tolist(), frames.measured, frames.truth, strict=True):
+    """Return rows of a cube that rests on the table until a hand lifts it: time until its error is small."""
+    scene, times = tracked_scene(recorded_tosses()), np.arange(0.0, 3.0, 1.0 / 30.0)
+    model = scene.bodies[0].model
+    truth = resting(np.zeros((len(times), 3)))
+    truth[:, 2] = TABLE.offset + float((model.centers[:, 2] + model.radii).max())
+    truth[:, 2] += _LIFT * np.maximum(times - _LIFTED_AT, 0.0)
+    truth[times > _LIFTED_AT, 5] = _LIFT
+    errors = NOISE * np.random.default_rng(seed).standard_normal((len(times), 6))
+    turned = Rotation.from_quat(np.column_stack([0.5 * errors[:, 3:], np.ones(len(times))])).as_quat()
+    measured = np.concatenate([truth[:, POSITION] + errors[:, :3], turned], axis=1)
+    none, every = np.zeros(len(times), bool), np.ones(len(times), bool)
+    follower = TrackerFollower(scene, Frames(times, truth, measured, none, every, every), seed)
+    late = _LIFTED_AT
+    for time, pose, x in zip(times.tolist(), measured, truth, strict=True):
         follower.correct(time, PoseMeasurement(pose, NOISE))
-        error = np.linalg.norm(follower.belief(time).mean[0, POSITION] - truth[POSITION])
-        if time > begin and error > _NEAR:
+        error = np.linalg.norm(follower.belief(time).mean[0, POSITION] - x[POSITION])
+        if time > _LIFTED_AT and error > _NEAR:
             late = time + 1.0 / 30.0
-    return [Row(TRACKER, f"time to follow {HAND}", "s", late - begin, replicate=seed, seed=seed)]
-
-
-def _later(k, seed):
-    """Return rows of a toss's end, predicted from its first poses, and of velocities and least squares."""
-    tosses = recorded_tosses()
-    scene, frames, rows = tracked_scene(tosses), frames_of(tosses, k, 1.0 / tosses.dt, "plain", seed), []
-    end = frames.truth[-1, POSITION]
-    follower = TrackerFollower(scene, frames, seed)
-
-    def add(method, quantity, unit, value):
-        rows.append(Row(method, quantity, unit, float(value), replicate=k, seed=seed))
-
-    for n, (time, pose) in enumerate(zip(frames.times.tolist(), frames.measured, strict=True), 1):
-        follower.correct(time, PoseMeasurement(pose, NOISE))
-        left = float(frames.times[-1]) - time
-        if n == _FRAMES and not frames.in_contact[n]:
-            motion = Motion("first", frames.times[:n], frames.measured[:n])
-            start = fit_start(motion, scene, n)
-            if start is not None and start.frames == n:
-                belief = start.belief(float(NOISE[0]), float(NOISE[3]))
-                fallen = belief.mean[0, VELOCITY] + frames.times[n - 1] * np.asarray(scene.gravity)
-                truth = frames.truth[n - 1, VELOCITY]
-                now = follower.belief(time).mean[0, VELOCITY]
-                add(LEAST_SQUARES, "velocity error", "m/s", np.linalg.norm(fallen - truth))
-                add(TRACKER, "velocity error", "m/s", np.linalg.norm(now - truth))
-                propagator = make_propagator("monte_carlo", samples=64, seed=seed)
-                there = predict(scene, belief, propagator, float(frames.times[-1])).belief
-                add(LEAST_SQUARES, f"rest from frame {_FRAMES}", "m", np.linalg.norm(there.mean[0, :3] - end))
-                there = follower.ahead(left)
-                add(TRACKER, f"rest from frame {_FRAMES}", "m", np.linalg.norm(there.mean[0, :3] - end))
-        if n == _LATE_FRAMES and left > 0.0:
-            there = follower.ahead(left)
-            add(TRACKER, f"rest from frame {_LATE_FRAMES}", "m", np.linalg.norm(there.mean[0, :3] - end))
-            break
-    return rows
+    return [Row(TRACKER, f"time to follow {HAND}", "s", late - _LIFTED_AT, replicate=seed, seed=seed)]
 
 
 _COLUMNS = (
@@ -306,55 +222,7 @@ def _mean(rows: Rows) -> float:
 def _single(rows):
     """Return single values in words."""
     plain = rows.where(method=TRACKER, condition="plain")
-    outliers = rows.where(method=TRACKER, condition="outliers")
-    later = rows.where(condition=LATER)
-
-    def rms(quantity, method=TRACKER, scale=1e3):
-        values = later.where(quantity=quantity, method=method).values()
-        return scale * float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
-
-    def both(name, quantity):
-        return _mean(
-            Rows(
-                [
-                    *rows.where(method=TRACKER, condition=name, quantity=f"{quantity} {FLIGHT}"),
-                    *rows.where(method=TRACKER, condition=name, quantity=f"{quantity} {CONTACT}"),
-                ]
-            )
-        )
-
-    yield (
-        "first pose after a gap of 0.2 s in its 90 % region, %",
-        number(100.0 * _mean(rows.where(condition="gap", quantity="next_inside seen again"))),
-    )
-    calm = rows.where(method=TRACKER, condition="plain", rate=30.0)
-    inside = [
-        _mean(calm.where(quantity=f"ahead_inside_{one} {THEN_AT_REST}")) for one in ("position", "rotation")
-    ]
-    yield (
-        "0.2 s ahead, where it then rests: in 90 % region of position, of rotation, %",
-        ", ".join(number(100.0 * share) for share in inside),
-    )
-    yield "the same: log score", number(_mean(calm.where(quantity=f"ahead_log {THEN_AT_REST}")))
-    if outliers:
-        yield "outliers rejected, %", number(100.0 * both("outliers", "rejected_outlier"))
-        yield "good poses rejected beside outliers, %", number(100.0 * both("outliers", "rejected_good"))
     yield "tosses with a false alarm of a hand, %", number(100.0 * plain.where(quantity="false alarm").mean())
-    first, late = f"rest from frame {_FRAMES}", f"rest from frame {_LATE_FRAMES}"
-    yield (
-        f"velocity after {_FRAMES} frames, error over that of least squares",
-        number(rms("velocity error") / rms("velocity error", LEAST_SQUARES)),
-    )
-    mean = {m: 1e3 * later.where(quantity=first, method=m).mean() for m in (TRACKER, LEAST_SQUARES)}
-    yield f"{first}: mm, and by least squares", f"{number(mean[TRACKER])}, {number(mean[LEAST_SQUARES])}"
-    yield f"{late}: mm", number(1e3 * later.where(quantity=late).mean())
-    for quantity in (f"error across {REST}", f"error of height {REST}", f"std across {REST}"):
-        values = rows.where(quantity=quantity).values()
-        if len(values):
-            yield (
-                f"still for {_STILL:g} s: {quantity.removesuffix(' rest')}, mm",
-                number(1e3 * float(np.sqrt(np.mean(values**2)))),
-            )
     taken = rows.where(quantity=f"time to follow {HAND}").values()
     if len(taken):
         yield (
