@@ -197,6 +197,11 @@ CASES = [
     (scene(bodies=[["name"]]), "INVALID_REQUEST", r"bodies\[0\].*\['name'\]"),
     (with_body(masss=1.0), "INVALID_REQUEST", r"bodies\[1\] has no key 'masss'.*'mass'"),
     (with_body(mu=0.4), "INVALID_REQUEST", r"bodies\[1\] has no key 'mu'.*did you mean 'friction'"),
+    (
+        with_body(sphere={"radius": 0.05}),
+        "INVALID_REQUEST",
+        r"bodies\[1\] has no key 'sphere'; did you mean 'shape'",
+    ),
     (with_body(name="left"), "DUPLICATE_ID", r"bodies\[1\].name.*left"),
     (with_body(name=None), "INVALID_REQUEST", r"bodies\[1\].name"),
     (

@@ -24,6 +24,7 @@ _ELSEWHERE = {
     "rotation": "orientation",
     "velocity": "linear_velocity",
     "omega": "angular_velocity",
+    **dict.fromkeys(("sphere", "box", "cylinder", "capsule"), "shape"),
 }
 #: Keys, arguments and options of earlier versions, and what to do instead.
 _REMOVED = {
