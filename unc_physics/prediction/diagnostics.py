@@ -295,7 +295,7 @@ def mean_disagreement(evidence):
 def spread_error(evidence):
     """Standard error of the standard deviation of position or rotation, over that standard deviation,
     whichever is larger. Of N plain samples it is one over the root of 2 (N - 1), 1 for one sample. No value
-    if only one outcome is possible.
+    if only one outcome is possible. ``cloud`` and ``auto`` ignore turns about axes of bodies of revolution.
     """
     own = evidence.own_measures.get("spread_error")
     if own is not None or not isinstance(evidence.propagator, Samples) or evidence.start.deterministic:

@@ -13,9 +13,6 @@ from .cloud import FEWEST_RUNS, Cloud
 from .emission import diverged, settled
 from .options import option
 
-#: Share by which errors of spreads count where a body of revolution turns about its axis. With the default
-#: limit, they are then just small enough for the status.
-_TURNS = 0.4
 _RARE = 1.4  # factor on a spread from which on rare outcomes count
 FIRST_RUNS = 32  # rollouts before the first estimate of errors
 #: Errors are assumed to fall by the root of the number of rollouts. A batch has a margin on that number, is a
@@ -35,9 +32,9 @@ class Auto(Cloud, Anytime):
     -----
     A batch simulates only new rollouts, because the points are nested. It has as many as the errors still
     require, at most as many as there are already. It ends when all limits are met, or at ``runs`` rollouts.
-    How far a body of revolution turns about its axis has no consequences: the error of this spread may be 2.5
-    times as large. The status says if a limit was missed. Without a time limit the answer depends on nothing
-    but the seed; with one, on the number of rollouts, which it reports (`base.rollout_count`).
+    How far a body of revolution turns about its axis has no consequences, and does not count. The status says
+    if a limit was missed. Without a time limit the answer depends on nothing but the seed; with one, on the
+    number of rollouts, which it reports (`base.rollout_count`).
     """
 
     name = "auto"
@@ -102,8 +99,7 @@ class Auto(Cloud, Anytime):
         if any(limits):  # which take a fit
             of_rotations = self.standard_errors if self.rotation_error > 0.0 else self._straight_errors
             errors = of_rotations(carry, scene)
-            spread = np.maximum(errors.seen_spread, _TURNS * errors.spread)
-            measured = errors.relative, spread, errors.position, errors.rotation
+            measured = errors.relative, errors.spread, errors.position, errors.rotation
             for limit, error in zip(limits, measured, strict=True):
                 if limit > 0.0:
                     result = np.maximum(result, error / limit)

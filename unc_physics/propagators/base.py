@@ -135,19 +135,20 @@ class Propagator(ABC):
 
 
 class StandardErrors(NamedTuple):
-    """Standard errors of each body's mean and standard deviation, all axes together."""
+    """Standard errors of each body's mean and standard deviation, all axes together.
+
+    Those over the standard deviation take rotations as if they did not wrap around. They ignore how far a
+    body of revolution turns about its axis, as this has no consequences.
+    """
 
     #: position, rotation: (B,): of the mean [m], [rad]
     position: np.ndarray
     rotation: np.ndarray
-    #: (B,): the larger of both, over the standard deviation, or over the accuracy of contacts if that is
-    #: larger; as if rotations did not wrap around
+    #: (B,): the larger of both, over the standard deviation, or over the accuracy of contacts if larger
     relative: np.ndarray
     #: position_spread, rotation_spread: (B,): of the standard deviation, over it
     position_spread: np.ndarray
     rotation_spread: np.ndarray
-    #: (B,): the larger of both, without what turns about the axis of a body of revolution add to the error
-    seen_spread: np.ndarray
 
     @property
     def spread(self) -> np.ndarray:

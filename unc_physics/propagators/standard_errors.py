@@ -28,26 +28,27 @@ def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
     errors = StandardErrors(*(np.zeros(count) for _ in StandardErrors._fields))
     turning = np.array([_turns(body) for body in scene.bodies])
     for found in moments(runs, scene):
-        bodies, number = found.group.bodies, len(found.errors)
-        of_mean = errors.position, errors.rotation
-        of_spread = errors.position_spread, errors.rotation_spread
+        bodies = found.group.bodies
         parts = [part.reshape(len(part), -1, ERROR) for part in (found.errors, found.left_out)]
+        of_means, of_spreads = errors[:2], errors[3:]
         for block, mean, spread, nothing in zip(
-            (ERR_POSITION, ERR_ROTATION), of_mean, of_spread, SPREAD_FLOORS, strict=True
+            (ERR_POSITION, ERR_ROTATION), of_means, of_spreads, SPREAD_FLOORS, strict=True
         ):
             own, left = (part[:, :, block] for part in parts)
-            variance = (own**2).sum(axis=2).mean(axis=0)
-            rest = (left**2).sum(axis=2).mean(axis=0)
-            mean[bodies] = np.sqrt(np.minimum(rest, variance) / number)
-            share = mean[bodies] / np.maximum(np.sqrt(variance), nothing)
-            errors.relative[bodies] = np.maximum(errors.relative[bodies], share)
-            least = 2.0 * np.maximum(variance, nothing**2)
-            spread[bodies] = seen = _of_variance(own, left, found.has_surface) / least
+            variance = np.maximum((own**2).sum(axis=2).mean(axis=0), nothing**2)
+            mean[bodies] = _of_mean(own, left)
             if block == ERR_ROTATION and turning[bodies].any():
                 own, left = (part - np.einsum("mij,nmj->nmi", turning[bodies], part) for part in (own, left))
-                seen = _of_variance(own, left, found.has_surface) / least
-            errors.seen_spread[bodies] = np.maximum(errors.seen_spread[bodies], seen)
+            share = _of_mean(own, left) / np.sqrt(variance)
+            errors.relative[bodies] = np.maximum(errors.relative[bodies], share)
+            spread[bodies] = _of_variance(own, left, found.has_surface) / (2.0 * variance)
     return errors
+
+
+def _of_mean(own, left):
+    """Return standard errors (m,) of means; see `_of_variance`."""
+    variance, rest = ((part**2).sum(axis=2).mean(axis=0) for part in (own, left))
+    return np.sqrt(np.minimum(rest, variance) / len(own))
 
 
 def _of_variance(own, left, has_surface):
