@@ -185,7 +185,7 @@ class TunedSurrogate(Surrogate):
     spin_share: float = option(1.0 / 3.0, "factor of Eq. 23", positive=True)
 
     def advance(self, carry, scene, steps):
-        mean, roots, world = carry.mean, carry.roots, scene.world
+        mean, roots, world = carry.mean, carry.blocks, scene.world
         for _ in range(steps):
             after, pairs = _stepped(mean, world)
             roots = _transition(mean, world) @ roots
@@ -193,7 +193,7 @@ class TunedSurrogate(Surrogate):
                 at = Contacts.of(_drifted(mean[None], world), world, pairs)
                 roots = self._kicked(roots, at, world)
             mean = after
-        return carry._replace(mean=mean, roots=roots, step=carry.step + steps)
+        return carry._replace(mean=mean, blocks=roots, step=carry.step + steps)
 
     def _kicked(self, roots, at, world):
         """Return the roots after the increments of all contacts (Eqs. 16 to 23)."""
@@ -228,10 +228,10 @@ class JointLocalSampling(LocalSampling):
     joint: bool = option(True, "whether correlations between the bodies are kept")
 
     def init(self, scene, belief):
-        return super().init(scene, belief)._replace(covariance=belief.joint.copy())
+        return super().init(scene, belief)._replace(blocks=belief.joint.copy())
 
     def advance(self, carry, scene, steps):
-        mean, P, world = carry.mean, carry.covariance, scene.world
+        mean, P, world = carry.mean, carry.blocks, scene.world
         A = np.zeros_like(P)
         for k in range(carry.step, carry.step + steps):
             after, pairs = _stepped(mean, world)
@@ -240,7 +240,7 @@ class JointLocalSampling(LocalSampling):
             if len(pairs):
                 P = P + self._increment(P, _drifted(mean[None], world), world, pairs, k)
             mean = after
-        return carry._replace(mean=mean, covariance=P, step=carry.step + steps)
+        return carry._replace(mean=mean, blocks=P, step=carry.step + steps)
 
     def _increment(self, P, mean, world, pairs, step):
         """(24, 24): covariance of the kicks by all contacts of perturbed poses."""
@@ -260,7 +260,7 @@ class JointLocalSampling(LocalSampling):
         return increment
 
     def belief(self, carry, scene):
-        return Belief.trusted(carry.mean.copy(), 0.5 * (carry.covariance + carry.covariance.T), scene.moving)
+        return Belief.trusted(carry.mean.copy(), 0.5 * (carry.blocks + carry.blocks.T), scene.moving)
 
 
 @dataclass(frozen=True)

@@ -85,11 +85,11 @@ def test_surrogate(overlapping, k_sigma):
     propagator = make_propagator("surrogate", k_sigma=k_sigma)
     carry = propagator.init(scene, Belief(mean, blocks(P), scene.moving))
     roots = np.array([symmetric_root(block) for block in blocks(P)])
-    np.testing.assert_allclose(carry.roots, roots, atol=1e-9)
+    np.testing.assert_allclose(carry.blocks, roots, atol=1e-9)
     for _ in range(5):
         carry = propagator.advance(carry, scene, 1)
         mean, roots = twin.surrogate_step(mean, roots, bodies_of(scene), physics_of(scene), k_sigma)
-        np.testing.assert_allclose(carry.roots, roots, atol=1e-9 * np.abs(roots).max())
+        np.testing.assert_allclose(carry.blocks, roots, atol=1e-9 * np.abs(roots).max())
     P = np.einsum("kac,kbc->kab", roots, roots)
     np.testing.assert_allclose(propagator.belief(carry, scene).blocks, P, atol=1e-9 * np.abs(P).max())
 

@@ -58,7 +58,7 @@ def test_an_impact_s_impulse_tilts_as_the_surrogate_s_equations_say(impact):
     alpha = np.arctan(10.0 * 0.3 * np.sqrt(2.0) * 0.002 / 0.1)
     increment = size * np.sin(alpha) / 3.0 / 0.3 * (np.eye(3) - np.outer(n, n))
     for k in range(2):
-        grown = after.roots[k][ERR_VELOCITY, ERR_VELOCITY] - before.roots[k][ERR_VELOCITY, ERR_VELOCITY]
+        grown = after.blocks[k][ERR_VELOCITY, ERR_VELOCITY] - before.blocks[k][ERR_VELOCITY, ERR_VELOCITY]
         np.testing.assert_allclose(grown, increment, atol=AFTER * np.abs(increment).max())
 
 
@@ -70,7 +70,7 @@ def test_an_impact_s_impulse_spreads_as_its_perturbed_normals_do(impact):
     D = 0.1 * impulse / size + np.random.default_rng(0).normal(0.0, np.sqrt(2.0) * 0.002, (100_000, 3))
     deviation = size * (D / np.linalg.norm(D, axis=1)[:, None] - impulse / size) / 0.3
     expected = deviation.T @ deviation / len(D)
-    grown = after.covariance[1] - before.covariance[1]
+    grown = after.blocks[1] - before.blocks[1]
     np.testing.assert_allclose(
         grown[ERR_VELOCITY, ERR_VELOCITY], expected, atol=0.03 * np.abs(expected).max()
     )

@@ -16,17 +16,22 @@ import numpy as np
 
 from ..compiler import inner, kernel, stage
 from ..compiler.arrays import empty
+from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
 from ..physics.everyday.columns import BODY_A, BODY_B, FACE_OF, IMPULSE, MU0, NORMAL, PIECE_A, PIECE_B
 from ..physics.paper.drift_derivative import apply_gyroscopic_jacobian, apply_transition, write_exact_rotation
+from ..scene.belief import Belief
 from ..scene.contact_world import everyday_world, recorded_contacts
 from ..scene.marks import whole
 from ..scene.scene import Scene
 from ..shapes.columns import AXES, KIND, LATHE, ORIGIN, ROUNDING
 from ..spatial.layout import ERROR, Q, V, W
+from ..spatial.moments import symmetric_root
 from ..spatial.rotation import cross, rotate, rotate_back, write_matrix
 from ..spatial.vectors import dot, minus, plus, three, times
 from .base import Propagator
 from .contact_holds import Directions, arm_at, hold, no_directions
+from .start import resolve_initial_overlap
 
 _AT_ONCE = 64  # steps whose contacts are kept at a time: some megabytes for dozens of bodies
 _STILL = 1e-6  # m/s, slip that has no direction
@@ -113,11 +118,17 @@ def kick_pair(method, a, b, first, last, states, contact, world, blocks):
     """Let the uncertainty of one pair's contacts, rows first to last of ``contact``, act on velocities."""
 
 
-class NominalWithBlocks(Propagator):
-    """A propagator with a nominal rollout, and a covariance of each moving body or a root of it.
+class BlocksCarry(NamedTuple):
+    """Persistent state of a propagator with a nominal rollout and blocks of moving bodies."""
 
-    Its carry has a mean (B, 13), the blocks (M, 12, 12), the contact history, and the number of steps done.
-    """
+    mean: np.ndarray  # (B, 13): the nominal rollout
+    blocks: np.ndarray  # (M, 12, 12): covariances, or roots of them
+    contact_history: ContactHistory  # what the rollout remembers of its contacts
+    step: int  # how many are done
+
+
+class NominalWithBlocks(Propagator):
+    """A propagator with a nominal rollout, and a covariance of each moving body or a root of it."""
 
     turns: ClassVar[int]  # 2 for covariances, which a linear map multiplies from both sides; 1 for roots
 
@@ -126,13 +137,32 @@ class NominalWithBlocks(Propagator):
         """Return the data of `kick_pair`."""
 
     @abstractmethod
-    def advance_explicit(self, carry: Any, scene: Scene, steps: int) -> Any:
-        """Return the carry after ``steps`` explicit steps."""
+    def advance_explicit(
+        self,
+        mean: np.ndarray,
+        blocks: np.ndarray,
+        first_time: np.ndarray,
+        scene: Scene,
+        begin: int,
+        steps: int,
+    ) -> None:
+        """Advance mean, blocks and times of first contacts (B, B + E) by explicit steps, in place."""
+
+    def init(self, scene, belief):
+        mean, history = resolve_initial_overlap(scene, belief, belief.mean[None].copy())
+        blocks = belief.blocks.copy() if self.turns == 2 else symmetric_root(belief.blocks)
+        return BlocksCarry(mean[0], blocks, history, 0)
 
     def advance(self, carry, scene, steps):
-        if scene.integrator == "explicit":
-            return self.advance_explicit(carry, scene, steps)
-        return self.advance_through(carry, scene, [whole(carry.step + steps, scene.dt)])[0]
+        if scene.integrator != "explicit":
+            return self.advance_through(carry, scene, [whole(carry.step + steps, scene.dt)])[0]
+        mean, blocks, history = carry.mean.copy(), carry.blocks.copy(), histories.copy(carry.contact_history)
+        self.advance_explicit(mean, blocks, history.first_time[0], scene, carry.step, steps)
+        return BlocksCarry(mean, blocks, history, carry.step + steps)
+
+    def belief(self, carry, scene):
+        P = carry.blocks if self.turns == 2 else carry.blocks @ carry.blocks.transpose(0, 2, 1)
+        return Belief.trusted(carry.mean.copy(), 0.5 * (P + P.transpose(0, 2, 1)), scene.moving)
 
     def advance_through(self, carry, scene, marks):
         if scene.integrator == "explicit":
@@ -146,7 +176,7 @@ class NominalWithBlocks(Propagator):
                 at = _through(some, at, method, scene, begun, self.turns)
                 begun += len(some)
             end = _through([mark], at, method, scene, begun, self.turns) if mark.rest > 0.0 else at
-            found.append(type(carry)(*end, mark.fraction_of(scene.dt)))
+            found.append(BlocksCarry(*end, mark.fraction_of(scene.dt)))
         return found
 
 

@@ -63,7 +63,7 @@ class LinearizationCarry(NamedTuple):
 
 
 class DifferenceCarry(NamedTuple):
-    """Persistent state on the other steps: rollouts as in `point_pairs.PointCarry`.
+    """Persistent state on the other steps: rollouts as in `rollouts.RolloutCarry`.
 
     ``reach`` (n,) is the distance of the points from the mean along each direction, in standard deviations.
     """

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from ..physics import contact_history as histories
-from ..physics.contact_history import ContactHistory
 from ..scene.belief import Belief
 from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, draw_parameters, moved_along
@@ -17,21 +15,8 @@ from ..scene.scene import UNCERTAIN_PARAMETERS, Scene
 from ..spatial.moments import mean_and_errors
 from .base import SAMPLES_LIMIT, Rollouts, Samples, Supports, Traits
 from .options import option
-from .rollouts import SimulatedRollouts
+from .rollouts import RolloutCarry, SimulatedRollouts
 from .start import draw, resolve_initial_overlap
-
-
-class MonteCarloCarry(NamedTuple):
-    """Persistent state: ``states`` (N, B, 13), of the bodies' centres of mass, wherever those are uncertain.
-
-    ``parameters`` (N, K) are the samples' K uncertain parameters, in standard deviations from their values;
-    ``step`` counts the steps done; ``contact_history`` is what the rollouts remember of their contacts.
-    """
-
-    states: np.ndarray
-    contact_history: ContactHistory
-    step: int
-    parameters: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -61,7 +46,7 @@ class MonteCarlo(SimulatedRollouts, Samples, Rollouts):
 
     def start_rollouts(
         self, scene: Scene, belief: Belief, states: np.ndarray, first: int = 0
-    ) -> MonteCarloCarry:
+    ) -> RolloutCarry:
         """Return the carry at time 0 of rollouts from states (N, B, 13) that represent a belief.
 
         Overlap is removed in the belief's metric. ``first`` is the number of the first rollout: each one has
@@ -73,7 +58,7 @@ class MonteCarlo(SimulatedRollouts, Samples, Rollouts):
             history = histories.with_keys(history, self.seed, first)
         z = self.drawn_parameters(scene, first + count)[first:]
         states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
-        return MonteCarloCarry(states, history, 0, z)
+        return RolloutCarry(states, history, 0, z)
 
     def drawn(self, scene: Scene, belief: Belief, count: int) -> np.ndarray:
         """Return states (count, B, 13) drawn from a belief; larger counts begin alike."""

@@ -2,36 +2,21 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ..compiler import kernel
 from ..compiler.arrays import empty
-from ..physics.contact_history import ContactHistory
 from ..scene.belief import Belief
 from ..scene.kinematic_states import start_states
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
 from ..spatial.layout import ERROR
 from ..spatial.moments import boxminus, spread_states
+from .rollouts import RolloutCarry
 from .start import resolve_initial_overlap
 
 
-class PointCarry(NamedTuple):
-    """Persistent state: ``states`` (2 n + 1, B, 13) of the centres of mass; point 0 began at the mean.
-
-    ``parameters`` (2 n + 1, K) are the points' K uncertain parameters, in standard deviations; ``step``
-    counts the steps done; ``contact_history`` is what the rollouts remember of their contacts.
-    """
-
-    states: np.ndarray
-    contact_history: ContactHistory
-    step: int
-    parameters: np.ndarray
-
-
-def spread_points(scene: Scene, belief: Belief, root: np.ndarray, reach: np.ndarray) -> PointCarry:
+def spread_points(scene: Scene, belief: Belief, root: np.ndarray, reach: np.ndarray) -> RolloutCarry:
     """Return the carry of the mean, of n points and of the opposite points, at time 0.
 
     Parameters
@@ -51,7 +36,7 @@ def spread_points(scene: Scene, belief: Belief, root: np.ndarray, reach: np.ndar
     states = spread_states(belief.mean.copy(), scene.moving.copy(), errors)
     states, history = resolve_initial_overlap(scene, belief, states)
     states = moved_along(start_states(scene, states, z), center_offsets(scene, z))
-    return PointCarry(states, history, 0, z)
+    return RolloutCarry(states, history, 0, z)
 
 
 def most_points(scene: Scene, belief: Belief) -> int:
@@ -60,7 +45,7 @@ def most_points(scene: Scene, belief: Belief) -> int:
     return 2 * (rank + len(scene.uncertain)) + 1
 
 
-def point_states(carry: PointCarry, scene: Scene) -> np.ndarray:
+def point_states(carry: RolloutCarry, scene: Scene) -> np.ndarray:
     """Return the states (2 n + 1, B, 13) at the places of the scene's own centres of mass."""
     return moved_along(carry.states, -center_offsets(scene, carry.parameters))
 

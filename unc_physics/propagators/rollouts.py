@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..physics import contact_history as histories
+from ..physics.contact_history import ContactHistory
 from ..physics.paper.rollout import recorded
 from ..scene.contact_world import recorded_contacts
 from ..scene.marks import Mark, whole
 from ..scene.parameters import recorded_varied
 from ..scene.scene import Scene
 from .base import Propagator
+
+
+class RolloutCarry(NamedTuple):
+    """Persistent state of N rollouts."""
+
+    states: np.ndarray  # (N, B, 13): of the bodies' centres of mass, wherever those are uncertain
+    contact_history: ContactHistory  # what the rollouts remember of their contacts
+    step: int  # how many are done
+    #: (N, K): the rollouts' K uncertain parameters, in standard deviations from their values
+    parameters: np.ndarray
 
 
 class SimulatedRollouts(Propagator):

@@ -10,7 +10,7 @@ from ..compiler.threads import in_threads
 from ..compiler.time_limit import limit_here
 from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
-from ..physics.paper.rollout import advance, new_records, read_records, record
+from ..physics.paper.rollout import new_records, read_records, record
 from ..physics.paper.world import World
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from ..spatial.rotation import rotate_vectors
@@ -85,17 +85,6 @@ def _varied_bodies(scene, z, radius):
     return own if radius is own.radius else own._replace(radius=radius)
 
 
-def rollout_varied(
-    states: np.ndarray, contact_history: ContactHistory, scene: Scene, z: np.ndarray, begin: int, steps: int
-) -> None:
-    """Advance a batch as in `physics.paper.rollout.rollout`, with state n in the world of ``z[n]``."""
-
-    def one(own, world):
-        advance(states[own], histories.samples(contact_history, own), world, begin, steps)
-
-    _in_own_worlds(scene, z, one)
-
-
 def recorded_varied(
     states: np.ndarray,
     contact_history: ContactHistory,
@@ -104,32 +93,24 @@ def recorded_varied(
     begin: int,
     steps: np.ndarray,
 ) -> list[tuple[np.ndarray, ContactHistory]]:
-    """Return states and histories after numbers of ``steps`` as `rollout.recorded` does, likewise."""
-    records = new_records(states, contact_history, steps)
+    """Return states and histories after numbers of ``steps`` as `physics.paper.rollout.recorded` does.
 
-    def one(own, world):
-        some = histories.samples(contact_history, own)
-        record(states[own], some, world, begin, steps, records, own.start)
-
-    _in_own_worlds(scene, z, one)
-    return read_records(records, contact_history, len(steps))
-
-
-def _in_own_worlds(scene, z, call):
-    """Call a function with the slice of each rollout and with its world."""
-    worlds = _worlds(scene, z)
+    State n is simulated in the world of ``z[n]``.
+    """
+    records, worlds = new_records(states, contact_history, steps), _worlds(scene, z)
+    most = _KEPT_WITH_PACKINGS if center_offsets(scene, z[:1]).size else _KEPT
 
     def run(some):
         for n in range(some.start, some.stop):
-            world = worlds.get(n)
+            world, own = worlds.get(n), slice(n, n + 1)
             if world is None:
                 world = vary(scene, z[n])
                 if len(z) <= most:
                     worlds[n] = world
-            call(slice(n, n + 1), world)
+            record(states[own], histories.samples(contact_history, own), world, begin, steps, records, n)
 
-    most = _KEPT_WITH_PACKINGS if center_offsets(scene, z[:1]).size else _KEPT
     in_threads(len(z), run, _FIRST_PART)
+    return read_records(records, contact_history, len(steps))
 
 
 def _worlds(scene, z) -> dict[int, World]:

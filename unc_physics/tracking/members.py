@@ -9,8 +9,7 @@ import numpy as np
 from ..checks.errors import DivergedError
 from ..physics import contact_history as histories
 from ..physics.contact_history import ContactHistory
-from ..propagators.monte_carlo import MonteCarloCarry
-from ..propagators.rollouts import advance_rollouts
+from ..propagators.rollouts import RolloutCarry, advance_rollouts
 from ..propagators.start import move_out_of_overlap
 from ..scene.belief import Belief
 from ..scene.body_belief import BodyBelief
@@ -22,7 +21,7 @@ from .noise import add_contact_noise, whitened, whitened_draws
 from .state import State, TrackedScene
 
 
-def first_members(tracked: TrackedScene, belief: Belief, tracks: Sequence[Track]) -> MonteCarloCarry:
+def first_members(tracked: TrackedScene, belief: Belief, tracks: Sequence[Track]) -> RolloutCarry:
     """Return the members at the start: whitened draws, with zero for unknown velocities."""
     P, count = np.array(belief.joint), tracked.propagator.samples
     for place, track in enumerate(tracks):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..checks.validation import non_negative
 from ..physics.contact_history import asleep
-from ..propagators.monte_carlo import MonteCarloCarry
+from ..propagators.rollouts import RolloutCarry
 from ..scene.action_arrays import AIR_DENSITY
 from ..scene.scene import Scene
 from ..spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
@@ -67,15 +67,15 @@ class ContactNoise:
 
 
 def add_contact_noise(
-    before: np.ndarray, carry: MonteCarloCarry, scene: Scene, steps: int, noise: ContactNoise, seed: int
-) -> tuple[MonteCarloCarry, np.ndarray]:
+    before: np.ndarray, carry: RolloutCarry, scene: Scene, steps: int, noise: ContactNoise, seed: int
+) -> tuple[RolloutCarry, np.ndarray]:
     """Add the contact noise of the last ``steps`` steps.
 
     Parameters
     ----------
     before : (N, B, 13) array
         States at their beginning.
-    carry : MonteCarloCarry
+    carry : RolloutCarry
         At their end; its states are changed in place.
     scene : Scene
     steps : int
@@ -85,7 +85,7 @@ def add_contact_noise(
 
     Returns
     -------
-    carry : MonteCarloCarry
+    carry : RolloutCarry
     share : (B,) array
         Share of the members in which each body was in contact.
     """

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..propagators.monte_carlo import MonteCarlo, MonteCarloCarry
+from ..propagators.monte_carlo import MonteCarlo
+from ..propagators.rollouts import RolloutCarry
 from ..scene.scene import Scene
 from .ensemble import Gates
 from .hypotheses import Track
@@ -30,7 +31,7 @@ class State(NamedTuple):
 
     Attributes
     ----------
-    carry : MonteCarloCarry
+    carry : RolloutCarry
         The members.
     contact_share : (B,) array
         Share of the members in which each body was recently in contact.
@@ -40,7 +41,7 @@ class State(NamedTuple):
         Which moving bodies were correlated at the start.
     """
 
-    carry: MonteCarloCarry
+    carry: RolloutCarry
     contact_share: np.ndarray
     tracks: tuple[Track, ...]
     tied: np.ndarray
