@@ -57,81 +57,6 @@ class PropagationResult(NamedTuple):
     first: Any
 
 
-def simulate(
-    begin: Callable[[], Any],
-    advance_through: Callable[[Any, list[Mark]], list[Any]],
-    marks: Sequence[Mark],
-    scene: Scene,
-    compute_budget: ComputeBudget,
-    progress: Callable[[int, int], object] | None = None,
-) -> Iterator[tuple[Mark, Any]]:
-    """Yield the carry at the start and at each of the marks, which ascend.
-
-    If time runs out, or ``progress`` raises an `UncPhysicsError`, the carry of the last complete step is
-    yielded before the error is raised.
-
-    Parameters
-    ----------
-    begin : callable
-        Returns the carry at time 0.
-    advance_through : callable
-        Takes a carry and marks, and returns the carries at the marks (`Propagator.advance_through`).
-    marks : sequence of Mark
-    scene : Scene
-    compute_budget : ComputeBudget
-    progress : callable, optional
-        As in `predict`.
-    """
-    last, horizon = marks[-1].count, marks[-1].time
-    in_one_go = compute_budget.allowed is None and progress is None
-    done, shown, reported = 0, 0, compute_budget.started
-
-    def report():
-        nonlocal reported
-        reported = clock()
-        if progress is not None:
-            progress(done, last)
-        if done < last and compute_budget.over:
-            raise compute_budget.error(done * scene.dt, horizon)
-
-    def watch():  # between the parts of a long step
-        if clock() - reported > LOOK_UP_AFTER or compute_budget.over:
-            report()
-
-    def complete(compute, *arguments):
-        with contextlib.nullcontext() if in_one_go else watched(watch):
-            found = compute_budget.complete(compute, *arguments)
-        if found is None:
-            raise compute_budget.error(done * scene.dt, horizon)
-        return found
-
-    carry = complete(begin)
-    yield whole(0, scene.dt), carry
-    piece, coming = last if in_one_go else first_piece(scene), list(marks)
-    while coming:
-        steps, began = min(piece, coming[-1].steps - done), clock()
-        due = [mark for mark in coming if mark.steps <= done + steps]
-        coming = coming[len(due) :]
-        stops = due.copy()
-        if not due or due[-1] != whole(done + steps, scene.dt):
-            stops.append(whole(done + steps, scene.dt))  # where the next piece begins
-        try:
-            carries = complete(advance_through, carry, stops)
-            carry, done = carries[-1], done + steps
-            if not in_one_go:
-                piece = compute_budget.next_piece(max(steps, 1), clock() - began, scene)
-                report()
-        except UncPhysicsError:
-            if done > shown:
-                yield whole(done, scene.dt), carry
-            raise
-        for mark, reached in zip(due, carries, strict=False):
-            shown = mark.steps
-            yield mark, reached
-    if progress is not None and done < last:
-        progress(last, last)
-
-
 def run(
     scene: Scene,
     given: Belief,
@@ -153,7 +78,8 @@ def run(
     DivergedError
         If a belief is not finite.
     UncPhysicsError
-        As `simulate`; its ``prediction`` is the `PropagationResult` to the time reached, or None.
+        Of a time that ran out, and from ``progress``; its ``prediction`` is the `PropagationResult` to the
+        time reached, or None.
     """
     return _Propagation(scene, given, propagator, marks, compute_budget, events).run(progress, earlier)
 
@@ -255,14 +181,61 @@ class _Propagation:
             raise DivergedError("diverged", field="events")
         return found
 
-    def _simulate(self, begin, marks, progress=None):
-        """Yield carries as `simulate`."""
-        scene, propagator = self._scene, self._propagator
+    def _simulate(self, begin, marks, progress=None) -> Iterator[tuple[Mark, Any]]:
+        """Yield the carry that ``begin`` returns, at time 0, and that at each of the marks, which ascend.
 
-        def advance_through(carry, marks):
-            return propagator.advance_through(carry, scene, marks)
+        If time runs out, or ``progress`` raises an `UncPhysicsError`, the carry of the last complete step is
+        yielded before the error is raised.
+        """
+        scene, budget = self._scene, self._compute_budget
+        last, horizon = marks[-1].count, marks[-1].time
+        in_one_go = budget.allowed is None and progress is None
+        done, shown, reported = 0, 0, budget.started
 
-        return simulate(begin, advance_through, marks, scene, self._compute_budget, progress)
+        def report():
+            nonlocal reported
+            reported = clock()
+            if progress is not None:
+                progress(done, last)
+            if done < last and budget.over:
+                raise budget.error(done * scene.dt, horizon)
+
+        def watch():  # between the parts of a long step
+            if clock() - reported > LOOK_UP_AFTER or budget.over:
+                report()
+
+        def complete(compute, *arguments):
+            with contextlib.nullcontext() if in_one_go else watched(watch):
+                found = budget.complete(compute, *arguments)
+            if found is None:
+                raise budget.error(done * scene.dt, horizon)
+            return found
+
+        carry = complete(begin)
+        yield whole(0, scene.dt), carry
+        piece, coming = last if in_one_go else first_piece(scene), list(marks)
+        while coming:
+            steps, began = min(piece, coming[-1].steps - done), clock()
+            due = [mark for mark in coming if mark.steps <= done + steps]
+            coming = coming[len(due) :]
+            stops = due.copy()
+            if not due or due[-1] != whole(done + steps, scene.dt):
+                stops.append(whole(done + steps, scene.dt))  # where the next piece begins
+            try:
+                carries = complete(self._propagator.advance_through, carry, scene, stops)
+                carry, done = carries[-1], done + steps
+                if not in_one_go:
+                    piece = budget.next_piece(max(steps, 1), clock() - began, scene)
+                    report()
+            except UncPhysicsError:
+                if done > shown:
+                    yield whole(done, scene.dt), carry
+                raise
+            for mark, reached in zip(due, carries, strict=False):
+                shown = mark.steps
+                yield mark, reached
+        if progress is not None and done < last:
+            progress(last, last)
 
     def _result(self, waiting):
         """Return the `PropagationResult` with the snapshots of the carries that waited."""

@@ -85,7 +85,7 @@ class Auto(Cloud, Anytime):
     def looks_far(self, carry, scene):
         """Return whether contacts are hard, spreads have a limit, and no other limit ends the prediction."""
         limited = self.time > 0.0 or len(carry.states) >= self.runs or self.spread_error == 0.0
-        return scene.integrator != "explicit" and not limited and not settled(self._runs(carry), scene)
+        return scene.integrator != "explicit" and not limited and not settled(carry, scene)
 
     def measures(self, carry, scene):
         return super().measures(carry, scene) | {"missed_goal": self._excess(carry, scene)}
@@ -94,7 +94,7 @@ class Auto(Cloud, Anytime):
         """Return the largest error of each body over its limit (B,), above 1 for fewer than 32 rollouts."""
         result = np.zeros(len(carry.mean))
         limits = self.error, self.spread_error, self.position_error, self.rotation_error
-        if settled(self._runs(carry), scene):
+        if settled(carry, scene):
             return result
         if any(limits):  # which take a fit
             of_rotations = self.standard_errors if self.rotation_error > 0.0 else self._straight_errors
@@ -109,7 +109,7 @@ class Auto(Cloud, Anytime):
         """Return the estimated number of additional rollouts that meet all limits; all without limits."""
         asked = self.probability_error > 0.0 and len(spent.probability_errors) > 0
         limited = self.error or self.position_error or self.rotation_error or asked
-        if not (limited or settled(self._runs(carry), scene)):
+        if not (limited or settled(carry, scene)):
             return self.runs
         excess = float(self._excess(carry, scene).max(initial=0.0))
         if asked:  # events are counted in rollouts, also where the moments are known

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from .impact_metric import impact_metric
 from .overlap_depths import overlaps
 from .reduction import Reduction, common_covariance, moved_in_common, reduction, symmetric
 from .response_surface import ResponseSurface, active_directions, fit, smoother, solve, surface_moments
+from .sobol import normal_points
 from .start import OVERLAP_TOLERANCE
 
 #: Spreads below the compliance of contacts [m], [rad]: outcomes and standard errors are not resolved below.
@@ -46,6 +47,7 @@ _WIDEST = 2.0  # largest factor on columns of a covariance
 #: Error over variance above which there is no surface.
 NO_SURFACE = 1.0
 _EXACT = 0.01  # error over variance below which samples may leave the neighbourhood of rollouts
+_MOMENT_POINTS = 512  # for moments of surfaces and of flights
 
 
 class Group(NamedTuple):
@@ -156,26 +158,84 @@ class Shared(NamedTuple):
     fits: dict[bytes, GroupFit]  # by `Group.key`
 
 
-class Runs(NamedTuple):
-    """N rollouts and their initial random numbers; the first seven fields are those of `cloud.CloudCarry`."""
+class _Carry(NamedTuple):
+    """Persistent state: the states of N rollouts, and their uncertain directions."""
 
-    states: np.ndarray
+    states: np.ndarray  # (N, B, 13): of the bodies' centres of mass, wherever those are uncertain
     contact_history: ContactHistory
-    step: int
-    mean: np.ndarray
-    root: np.ndarray
-    moving: np.ndarray
+    step: int  # how many are done
+    #: (N, K): the rollouts' K uncertain parameters, in standard deviations from their values
     parameters: np.ndarray
-    z: np.ndarray  # (N, r + K): the standard normal numbers that each rollout began with
-    #: (r + K,) bool: which of them differ between rollouts; the others are common motions
+    mean: np.ndarray  # (B, 13): at time 0
+    #: (12 M, r): errors at time 0 that each of r independent standard normal numbers makes
+    root: np.ndarray
+    moving: np.ndarray  # (M,) int
+    #: (r + K,) int: which column of the points each of these numbers, and then each parameter, is
+    columns: np.ndarray
+    #: (r + K,) bool: whether the rollouts differ in it; the others are common motions (`reduction`)
     simulated: np.ndarray
-    labels: np.ndarray  # (N, r + K): the numbers of both
-    points: np.ndarray  # (S, r + K): standard normal numbers that moments are taken over
-    shared: Shared
-    moments: dict[bytes, Moments]  # those of each group, by its key
+    seed: int  # of the points
 
 
-def belief_of(runs: Runs, scene: Scene) -> Belief:
+class CloudCarry(_Carry):
+    """Persistent state with caches of results, which a new carry does not have."""
+
+    @cached_property
+    def labels(self) -> np.ndarray:
+        """(N, r + K): the standard normal numbers of each rollout, with those of common motions."""
+        points = rollout_points(len(self.states), len(self.columns), self.seed)
+        return points[:, self.columns]
+
+    @cached_property
+    def z(self) -> np.ndarray:
+        """(N, r + K): the numbers that each rollout began with."""
+        return np.where(self.simulated, self.labels, 0.0)
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(S, r + K): standard normal numbers that moments are taken over."""
+        return emitted_points(_MOMENT_POINTS, len(self.columns), self.seed)[:, self.columns]
+
+    @cached_property
+    def shared(self) -> Shared:
+        """Groups and fits."""
+        return Shared({}, {})
+
+    @cached_property
+    def moments(self) -> dict[bytes, Moments]:
+        """`Moments` of each group of bodies, by its key."""
+        return {}
+
+    @cached_property
+    def kept(self) -> dict[Any, Any]:
+        """Other results, by their names and options."""
+        return {}
+
+
+#: Properties that all times of a prediction share.
+SHARED = "labels", "z", "points", "shared"
+
+
+def _key(seed, stream):
+    """Return a seed of 63 bits for one of the two sets of points."""
+    return (2 * seed + stream) % 2**63
+
+
+def rollout_points(count: int, dimensions: int, seed: int) -> np.ndarray:
+    """Return the normal numbers (count, dimensions) of the rollouts; `normal_points` keeps the last ones."""
+    return normal_points(count, dimensions, _key(seed, 0))
+
+
+@lru_cache(maxsize=16)
+def emitted_points(count: int, dimensions: int, seed: int) -> np.ndarray:
+    """Return the samples' normal numbers (count, dimensions), with mean 0 and covariance 1 to round-off.
+
+    Means and covariances that a smooth surface preserves are therefore exact.
+    """
+    return whitened(normal_points(count, dimensions, _key(seed, 1)))
+
+
+def belief_of(runs: CloudCarry, scene: Scene) -> Belief:
     """Return mean and covariance of all outcomes.
 
     The moments of a group that met something are those of its surface and its residuals. A body without
@@ -262,7 +322,7 @@ def _along(runs, scene, found):
     return at, found.left_out * found.factors
 
 
-def emitted(runs: Runs, scene: Scene, z: np.ndarray) -> np.ndarray:
+def emitted(runs: CloudCarry, scene: Scene, z: np.ndarray) -> np.ndarray:
     """Return states (S, B, 13) of the models' centres of mass for standard normal numbers ``z`` (S, r + K).
 
     A sample of a group that met something is the outcome of the nearest rollout, moved by the surface.
@@ -309,7 +369,7 @@ def _replace_penetrating(states, ends, near, scene):
                 near[s, which] = -1
 
 
-def labelled(runs: Runs, scene: Scene) -> np.ndarray:
+def labelled(runs: CloudCarry, scene: Scene) -> np.ndarray:
     """Return the rollouts' states (N, B, 13) of the models' centres of mass, as equally probable outcomes.
 
     Common motion that was not simulated is added in closed form, by the points' own numbers.
@@ -337,7 +397,7 @@ def diverged(states):
     return False
 
 
-def moments(runs: Runs, scene: Scene) -> Iterator[Moments]:
+def moments(runs: CloudCarry, scene: Scene) -> Iterator[Moments]:
     """Yield the `Moments` of each group whose rollouts differ, except bodies in free flight."""
     ends = _model_centers(runs, scene)
     for group in _groups(runs, scene):
@@ -345,7 +405,7 @@ def moments(runs: Runs, scene: Scene) -> Iterator[Moments]:
             yield _moments(runs, scene, group, ends)
 
 
-def settled(runs: Runs, scene: Scene) -> bool:
+def settled(runs: CloudCarry, scene: Scene) -> bool:
     """Return whether everything is known in closed form, so that more rollouts would change nothing."""
     return all(group.flew or not _rollouts_differ(runs, scene, group) for group in _groups(runs, scene))
 

@@ -9,7 +9,7 @@ from ..shapes.revolution import turns
 from ..spatial.layout import ERR_POSITION, ERR_ROTATION, ERROR, QUATERNION
 from ..spatial.moments import mean_and_errors, spread_states
 from .base import StandardErrors
-from .emission import SPREAD_FLOORS, Moments, Runs, moments
+from .emission import SPREAD_FLOORS, CloudCarry, Moments, moments
 
 #: Standard deviation of a rotation [rad] above which rotation vectors wrap around, which makes its mean less
 #: certain; and the number of groups of a jackknife that then estimates the standard error.
@@ -17,7 +17,7 @@ _WIDE, _PARTS = 1.0, 8
 _ROUND = 1e-6  # difference of moments of inertia, over the largest, that is round-off
 
 
-def standard_errors(runs: Runs, scene: Scene) -> StandardErrors:
+def standard_errors(runs: CloudCarry, scene: Scene) -> StandardErrors:
     """Return standard errors of means and standard deviations, from leaving one rollout out.
 
     A mean or a variance is the sum of a known part from the surface, and a part from the residuals, of which
@@ -67,7 +67,7 @@ def _of_variance(own, left, has_surface):
     return np.sqrt(unknown.var(axis=0) / len(own))
 
 
-def wrapped_errors(runs: Runs, scene: Scene, errors: StandardErrors) -> StandardErrors:
+def wrapped_errors(runs: CloudCarry, scene: Scene, errors: StandardErrors) -> StandardErrors:
     """Return `standard_errors` with larger errors of mean rotations that wrap around.
 
     The mean of rotations that spread over more than a radian has a larger error than the mean of numbers with
