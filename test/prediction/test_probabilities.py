@@ -194,7 +194,7 @@ def test_rollouts_of_events_keep_the_time_limit(monkeypatch):
     def too_long(*_):
         raise PredictionTimeoutError("ran out")
 
-    monkeypatch.setattr("unc_physics.prediction.predict.counted_rollouts", too_long)
+    monkeypatch.setattr("unc_physics.prediction.driver.Propagation.counted", too_long)
     found = predict(scene, belief, "sigma_points", 0.5, events=[TOUCH], max_computation_time=100.0)
     answer = found.probability(TOUCH)
     assert found.time == 0.5 and (answer.low, answer.high, answer.method) == (0.0, 1.0, "gaussian")

@@ -9,16 +9,14 @@ import numpy as np
 
 from ..checks.errors import InvalidOptionError, LimitExceededError
 from ..checks.validation import integer
-from ..compiler.compile_time import clock
 from ..propagators.balanced_monte_carlo import BalancedMonteCarlo
 from ..propagators.base import SAMPLES_LIMIT, rollout_count
 from ..propagators.modes import may_split
 from ..scene.marks import mark_at
 from ..spatial.layout import ANGULAR_VELOCITY, ERR_ANGULAR_VELOCITY, ERR_VELOCITY, VELOCITY
 from .body_status import BodyStatus
-from .compute_budget import ComputeBudget
 from .diagnostics import judged, measures_of
-from .driver import run, wide_states
+from .driver import Propagation, wide_states
 from .evidence import Evidence, initial_diagnostics
 from .prediction_data import PredictionData
 from .probability import is_certain
@@ -189,4 +187,4 @@ def sampled_snapshots(scene, initial, marks, count, seed=_SEED):
     propagator = BalancedMonteCarlo(samples=count, seed=seed)
     check_supported(scene, propagator)
     check_memory(scene, initial, propagator, len(marks))
-    return run(scene, initial, propagator, marks, ComputeBudget(None, clock(), None)).snapshots
+    return Propagation(scene, initial, propagator, marks).run().snapshots

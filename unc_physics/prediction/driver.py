@@ -57,58 +57,23 @@ class PropagationResult(NamedTuple):
     first: Any
 
 
-def run(
-    scene: Scene,
-    given: Belief,
-    propagator: Propagator,
-    marks: Sequence[Mark],
-    compute_budget: ComputeBudget,
-    progress: Callable[[int, int], object] | None = None,
-    events: Sequence[Event] = (),
-    earlier: Sequence[Any] = (),
-) -> PropagationResult:
-    """Propagate a belief to all marks; the arguments are already checked.
+class Propagation:
+    """Propagation of one belief to all marks; the arguments are already checked.
 
-    Anytime propagators add rollouts until the probabilities of ``events`` are accurate enough at all marks.
-    ``earlier`` are carries of the first rollouts of Monte Carlo with the same seed, at time 0 and at each
-    mark; only the others are simulated.
-
-    Raises
-    ------
-    DivergedError
-        If a belief is not finite.
-    UncPhysicsError
-        Of a time that ran out, and from ``progress``; its ``prediction`` is the `PropagationResult` to the
-        time reached, or None.
+    By default the budget has no limit. Anytime propagators add rollouts until the probabilities of ``events``
+    are accurate enough at all marks. Raises `PredictionTimeoutError` if time ran out before the first step.
     """
-    return _Propagation(scene, given, propagator, marks, compute_budget, events).run(progress, earlier)
 
-
-def counted_rollouts(
-    scene: Scene,
-    given: Belief,
-    propagator: Anytime,
-    marks: Sequence[Mark],
-    compute_budget: ComputeBudget,
-    progress: Callable[[int, int], object] | None,
-    events: Sequence[Event],
-) -> list[Counted]:
-    """Return rollouts at each mark, enough for the probabilities of ``events``; parameters as `run`.
-
-    Raises
-    ------
-    PredictionTimeoutError
-        If time ran out within the first rollouts.
-    DivergedError
-        If a rollout is not finite.
-    """
-    return _Propagation(scene, given, propagator, marks, compute_budget, events).counted(progress)
-
-
-class _Propagation:
-    """Propagation of one belief to all marks; the parameters are those of `run`."""
-
-    def __init__(self, scene, given, propagator, marks, compute_budget, events):
+    def __init__(
+        self,
+        scene: Scene,
+        given: Belief,
+        propagator: Propagator,
+        marks: Sequence[Mark],
+        compute_budget: ComputeBudget | None = None,
+        events: Sequence[Event] = (),
+    ):
+        compute_budget = compute_budget or ComputeBudget(None, clock(), None)
         self._scene, self._marks = scene, marks
         self._propagator: Any = propagator
         self._compute_budget, self._events = compute_budget, events
@@ -125,8 +90,22 @@ class _Propagation:
         self._snapshots: list[Snapshot] = []
         self._first: Any = None  # carry at time 0
 
-    def run(self, progress, earlier):
-        """Return the `PropagationResult`."""
+    def run(
+        self, progress: Callable[[int, int], object] | None = None, earlier: Sequence[Any] = ()
+    ) -> PropagationResult:
+        """Return the result.
+
+        ``earlier`` are carries of the first rollouts of Monte Carlo with the same seed, at time 0 and at each
+        mark; only the others are simulated.
+
+        Raises
+        ------
+        DivergedError
+            If a belief is not finite.
+        UncPhysicsError
+            Of a time that ran out, and from ``progress``; its ``prediction`` is the result to the time
+            reached, or None.
+        """
         scene = self._scene
         propagator: Any = self._propagator
         # snapshots of resampled rollouts share computations with the last one, so they are made at the end
@@ -163,8 +142,16 @@ class _Propagation:
             snapshots=tuple(one if states is None else replace(one, wide=states) for one, states in pairs)
         )
 
-    def counted(self, progress):
-        """Return the rollouts of `counted_rollouts`."""
+    def counted(self, progress: Callable[[int, int], object] | None) -> list[Counted]:
+        """Return rollouts at each mark, enough for the probabilities of the events.
+
+        Raises
+        ------
+        PredictionTimeoutError
+            If time ran out within the first rollouts.
+        DivergedError
+            If a rollout is not finite.
+        """
         propagator: Any = self._propagator
         begin = partial(propagator.init, self._scene, self._belief)
         first = list(self._simulate(begin, self._marks, progress))[1:]
@@ -396,7 +383,7 @@ def wide_states(scene: Scene, initial: Belief, marks: Sequence[Mark], count: int
     """
     propagator = WideMonteCarlo(samples=min(WIDE_ROLLOUTS, count))
     try:
-        wide = run(scene, initial, propagator, marks, ComputeBudget(None, clock(), None))
+        wide = Propagation(scene, initial, propagator, marks).run()
     except DivergedError:
         return [None] * len(marks)
     return [snapshot.rollout_states for snapshot in wide.snapshots]

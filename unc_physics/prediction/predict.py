@@ -19,7 +19,7 @@ from ..scene.belief import Belief
 from ..scene.marks import Mark
 from ..scene.scene import Scene
 from .compute_budget import ComputeBudget
-from .driver import counted_rollouts, points_at_start, run
+from .driver import Propagation, points_at_start
 from .events import Event, checked_events
 from .prediction import Prediction
 from .probability import is_certain
@@ -137,7 +137,8 @@ def predict_marks(
         ends_early = scene.integrator != "explicit"  # the explicit step's kernels do not
         compute_budget = ComputeBudget(allowed, started, limit if ends_early else None)
         try:
-            prediction = prediction_of(run(scene, belief, propagator, marks, compute_budget, progress, asked))
+            propagation = Propagation(scene, belief, propagator, marks, compute_budget, asked)
+            prediction = prediction_of(propagation.run(progress))
             if asked:
                 prediction = _with_counted(prediction, marks, compute_budget, progress, asked)
                 prediction = replace(prediction, wall_time=clock() - started)
@@ -174,7 +175,7 @@ def _with_counted(prediction, marks, compute_budget, progress, events):
 
     report = None if progress is None else done
     try:
-        found = counted_rollouts(scene, initial, propagator, marks, compute_budget, report, events)
+        found = Propagation(scene, initial, propagator, marks, compute_budget, events).counted(report)
     except (PredictionTimeoutError, DivergedError):
         return prediction
     pairs = zip(prediction.snapshots, found, strict=True)

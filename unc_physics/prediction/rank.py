@@ -24,7 +24,7 @@ from ..scene.marks import Mark
 from ..scene.scene import Scene
 from .actions import Action, about_action, after_actions
 from .compute_budget import ComputeBudget
-from .driver import run
+from .driver import Propagation
 from .events import Event
 from .executors import ROUND_CHUNK_TIME, AnyExecutor, Workers
 from .predict import prepare
@@ -353,7 +353,7 @@ def _simulated(propagator, score, allowed, progress, asked) -> _Simulated | UncP
         with time_limit() as limit:
             ends_early = scene.integrator != "explicit"  # the explicit step's kernels do not
             time = ComputeBudget(allowed, started, limit if ends_early else None)
-            result = run(scene, belief, propagator, marks, time, progress, earlier=earlier)
+            result = Propagation(scene, belief, propagator, marks, time).run(progress, earlier)
     except (PredictionTimeoutError, CanceledError):
         raise
     except UncPhysicsError as error:
