@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 from plain_scenes import BALL, BLOCK, independent, state
 
-from unc_physics import Belief, Plane, PosePath, RigidBody, Scene, Touches, Wrench, make_propagator, predict
+from unc_physics import (
+    Belief,
+    BodyBelief,
+    Plane,
+    PosePath,
+    RigidBody,
+    Scene,
+    Touches,
+    Wrench,
+    assess,
+    load_model,
+    make_propagator,
+    predict,
+)
 from unc_physics.checks.errors import InvalidHorizonError
 from unc_physics.propagators.registry import PROPAGATORS
 from unc_physics.scene import contact_world
@@ -56,23 +69,6 @@ def test_a_push_that_ends_between_two_steps_gives_its_impulse_up_to_then():
     for t in times:
         v = prediction.body("box", time=t).linear_velocity[0]
         assert v == pytest.approx(2.0 / 0.4 * max(t - 0.007, 0.0), abs=1e-9)
-
-
-def test_a_prescribed_body_pushes_from_where_it_is_at_that_time():
-    """What a finger at 0.5 m/s pushes has its velocity at every time, and lies before it."""
-    path = straight(0.5, 2.0)
-    finger = RigidBody("finger", BALL.scaled(0.2), trajectory=path)
-    scene = Scene.everyday(
-        [RigidBody("box", BLOCK, 0.4), finger], exact=True, environment=[Plane()], restitution=0.0
-    )
-    belief = belief_of(scene, 1e-5, 1e-5, box=state((0, 0, 0.02)), finger=state())
-    times = [0.7777, 0.7777 + 1e-6, 0.7777 + 0.3 * DT, 0.7777 + 0.8 * DT]
-    prediction = predict(scene, belief, of("monte_carlo"), times=times)
-    for t in times:
-        box, hand = prediction.body("box", time=t), prediction.body("finger", time=t)
-        assert hand.position[0] == pytest.approx(-0.2 + 0.5 * t, abs=1e-9)
-        assert box.linear_velocity[0] == pytest.approx(0.5, abs=0.02)
-        assert box.position[0] - hand.position[0] == pytest.approx(0.07 + 0.01, abs=1e-3)
 
 
 @pytest.mark.parametrize("part", [3e-7, 0.4])
@@ -213,3 +209,24 @@ def test_a_nanosecond_is_no_step():
     assert mark_at(0.1 + 0.2, 0.1) == whole(3, 0.1)
     assert mark_at(0.01, DT).steps == 2 and mark_at(0.01, DT).time == 0.01
     assert mark_at(5e-10, DT).steps == 0
+
+
+# -- times that share a snapshot ---------------------------------------------------------------------
+
+
+def test_times_at_which_all_sleep_share_what_is_computed():
+    """Each has the answer of a prediction that ends there."""
+    box = RigidBody("box", load_model("salt_box"), at_rest=True)
+    scene = Scene.everyday([box], environment=[Plane(name="table")], sleep=True)
+    start = BodyBelief(position=(0, 0, 0.061), position_std=0.003, orientation_std=0.02)
+    belief = Belief.of(scene, {"box": start})
+    prediction = predict(scene, belief, "cloud", 2.0, times=[0.5, 1.0])
+    early, _, last = prediction.snapshots
+    assert early.time == 0.5 and last.time == 2.0
+    assert early.belief is last.belief
+    alone = predict(scene, belief, "cloud", 0.5)
+    np.testing.assert_array_equal(early.belief.mean, alone.belief.mean)
+    np.testing.assert_array_equal(early.belief.covariance, alone.belief.covariance)
+    assert prediction.at(0.5).at_model_origins(scene) is last.at_model_origins(scene)
+    assert prediction.at(0.5).samples is last.samples
+    assert [status.flags for status in assess(alone)] == [status.flags for status in assess(prediction)]

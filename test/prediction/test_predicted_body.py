@@ -168,3 +168,9 @@ def test_a_prediction_says_what_to_iterate_over(tumbling):
     with pytest.raises(TypeError, match="not iterable"):
         "post" in tumbling  # noqa: B015
     assert [body.name for body in tumbling.bodies] == [body.name for body in tumbling.scene.bodies]
+
+
+def test_slices_are_predictions(tumbling):
+    assert tumbling[1:].times == tumbling.times[1:] and tumbling[1:].time == tumbling.time
+    assert tumbling[:1].belief is tumbling.beliefs[0] and tumbling[:1].start is tumbling.start
+    assert tumbling.at(0.1) is tumbling.snapshots[0] and tumbling.at() is tumbling.snapshots[-1]

@@ -128,19 +128,6 @@ def test_rollouts_answer_for_propagators_without_samples():
     assert prediction.contact_time(TOUCH).mean == pytest.approx(truth.contact_time(TOUCH).mean, abs=0.02)
 
 
-def test_before_any_contact_everything_is_told():
-    scene, belief, _ = grazing(FAR)
-    x = predict(scene, belief, "linearization", 0.5).belief.mean[0, :3]
-    half = InRegion("left", BoxRegion("half", (100.0, 100.0, 100.0), x + [50.0, 0.0, 0.0]))
-    prediction = predict(scene, belief, "linearization", 0.5, events=[half])
-    found = prediction.probability(half)
-    assert found.estimate == pytest.approx(0.5, abs=0.06) and found.high - found.low < 0.21
-    for event in (TOUCH, AtRest("left"), AtRest("right")):
-        found = prediction.probability(event)
-        assert found.estimate == 0.0 and found.high < 0.1
-    assert prediction.contact_time(TOUCH) is None
-
-
 @pytest.mark.parametrize(
     ("propagator", "std", "body", "physics", "simulated"),
     [

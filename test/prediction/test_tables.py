@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from example_scenes import CONTENTS
 from plain_scenes import BALL, ball, state
 
 from unc_physics import (
     Belief,
     BodyBelief,
     Box,
+    ErrorCode,
     Plane,
     RigidBody,
     Scene,
@@ -167,3 +169,17 @@ def test_the_command_says_where_the_prediction_began_and_by_which_physics(tmp_pa
     assert flying["start"]["covariance"][0][0] == pytest.approx(0.01**2 + 0.02**2)
     assert post["start"]["covariance"] is None
     assert not np.any(standing["start"]["linear_velocity"])
+
+
+def test_the_command_adds_samples(tmp_path, capsys, loaded):
+    """Those of a Gaussian are drawn with the prediction's seed."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(CONTENTS["three_bodies"]()))
+    command = ["predict", str(path), "--horizon", "0.3", "--propagator", "local_sampling", "--seed", "5"]
+    assert main([*command, "--json", "--samples-out", "3"]) == 0
+    prediction = predict(*loaded("three_bodies")[:2], make_propagator("local_sampling", seed=5), 0.3)
+    expected = prediction.belief.sample(3, np.random.default_rng(5))
+    for k, body in enumerate(json.loads(capsys.readouterr().out)["bodies"]):
+        np.testing.assert_array_equal(body["samples"], expected[:, k])
+    assert main([*command, "--samples-out", "3"]) == ErrorCode.INVALID_OPTION
+    assert "--samples-out needs --json" in capsys.readouterr().err

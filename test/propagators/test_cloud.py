@@ -7,7 +7,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import ndtri
 from scipy.stats import norm, qmc
 
-from unc_physics import RigidBody, Scene, Touches, make_propagator, predict
+from unc_physics import RigidBody, Scene, predict
 from unc_physics.prediction.status import assess
 from unc_physics.propagators import emission, response_surface, sobol
 from unc_physics.propagators.reduction import reduction
@@ -182,19 +182,6 @@ def test_bodies_that_overlap_in_empty_space_keep_their_common_motion(name):
         np.testing.assert_allclose(found[one].position_std, expected[one].position_std, rtol=0.12)
     together = (found.samples()[:, :2, 1] @ [1.0, 2.0] / 3.0).std()
     assert together == pytest.approx(np.hypot(0.01, 0.02) * np.sqrt(5.0) / 3.0, rel=0.05)
-
-
-def test_answers_of_its_samples(loaded):
-    scene, belief, _ = loaded("two_bodies")
-    prediction = predict(scene, belief, make_propagator("cloud", samples=200, seed=2), 1.5)
-    own = prediction.samples()
-    assert own.shape == (200, 2, 13) and np.isfinite(own).all()
-    np.testing.assert_array_equal(prediction.samples(30), own[:30])
-    np.testing.assert_allclose(np.linalg.norm(own[..., 6:10], axis=-1), 1.0, atol=1e-12)
-    np.testing.assert_allclose(prediction.belief.mean[:, :3], own[..., :3].mean(axis=0), atol=1e-12)
-    assert prediction.carry.contact_history.first_time.shape[0] == 32
-    found = prediction.probability(Touches("left", "right"))
-    assert (found.method, found.rollouts) == ("samples", 32) and found.low <= found.estimate <= found.high
 
 
 def test_what_is_fitted_is_fitted_once_and_goes_with_its_carry(loaded, monkeypatch):

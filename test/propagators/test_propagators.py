@@ -109,42 +109,24 @@ def test_another_seed_gives_other_draws(loaded, name):
 
 
 @every_propagator
-def test_advancing_in_pieces_equals_one_call_to_the_last_bit(loaded, propagator):
-    scene, belief, _ = loaded("three_bodies")
+@pytest.mark.parametrize(
+    ("name", "more"), [("three_bodies", {}), ("everyday", {}), ("everyday", {"sleep": True})]
+)
+def test_advancing_in_pieces_equals_one_call_to_the_last_bit(loaded, propagator, name, more):
+    """With all that is remembered of contacts and rest."""
+    scene, belief, _ = loaded(name)
+    scene, pieces = dataclasses.replace(scene, **more), (1, 30, 2, 40, 97)
     begin = propagator.init(scene, belief)
     kept = [np.array(part) for part in parts_of(begin)]
-    whole = propagator.advance(begin, scene, 80)
+    whole = propagator.advance(begin, scene, sum(pieces))
     for before, part in zip(kept, parts_of(begin), strict=True):
         np.testing.assert_array_equal(before, part, "advance must leave its carry as it is")
     carry = begin
-    for steps in (1, 30, 2, 40, 7):
+    for steps in pieces:
         carry = propagator.advance(carry, scene, steps)
         propagator.belief(carry, scene)  # looking changes nothing
     assert_identical(carry, whole)
-
-
-@pytest.mark.parametrize("sleep", [False, True])
-@pytest.mark.parametrize(
-    "name, options",
-    [
-        ("sigma_points", {}),
-        ("linearization", {}),
-        ("surrogate", {}),
-        ("local_sampling", {}),
-        ("monte_carlo", {"samples": 10}),
-    ],
-)
-def test_pieces_on_the_implicit_step_equal_one_call_to_the_last_bit(loaded, name, options, sleep):
-    """With all that is remembered of contacts and rest."""
-    scene, belief, _ = loaded("everyday")
-    scene, propagator = dataclasses.replace(scene, sleep=sleep), make_propagator(name, **options)
-    begin = propagator.init(scene, belief)
-    whole = propagator.advance(begin, scene, 240)
-    carry = begin
-    for steps in (1, 50, 30, 2, 100, 57):
-        carry = propagator.advance(carry, scene, steps)
-    assert_identical(carry, whole)
-    assert whole.contact_history.solver.count.any()
+    assert name != "everyday" or whole.contact_history.solver.count.any()
 
 
 def advanced(propagator, scene, belief, steps):
