@@ -47,11 +47,7 @@ def _widened(distances):
     far = np.sort(distances)[::-1]
     far = far[far > _FAR]
     shares = np.minimum((np.arange(1, len(far) + 1) - 0.5) / len(distances), 0.5)
-    beyond = np.array([tail(WIDE * -quantile(share)) for share in shares])
+    # the probability that a standard normal number exceeds the threshold
+    beyond = np.array([0.5 * math.erfc(WIDE * -quantile(share) / math.sqrt(2.0)) for share in shares])
     steps = np.diff(beyond, prepend=0.0)
     return float(np.sqrt(1.0 + (steps * far**2).sum()))
-
-
-def tail(threshold: float) -> float:
-    """Return the probability that a standard normal number exceeds a threshold."""
-    return 0.5 * math.erfc(threshold / math.sqrt(2.0))

@@ -15,7 +15,7 @@ from ..physics.contact_history import ContactHistory
 from ..scene.belief import Belief
 from ..scene.parameters import center_offsets, moved_along
 from ..scene.scene import Scene
-from ..spatial.layout import EP, ER, ERR_POSITION, ERR_VELOCITY, ERROR, EV, EW, STATE
+from ..spatial.layout import EP, ER, ERR_POSITION, ERR_VELOCITY, ERROR, EV, EW
 from ..spatial.moments import mean_and_errors, pivoted_cholesky, second_moment, spread_states
 from .displacements import clip, reach, spread, variances
 from .free_flight import Flight, course_of, propagate_flight
@@ -386,15 +386,9 @@ def labelled(runs: CloudCarry, scene: Scene) -> np.ndarray:
     return states
 
 
-@kernel
-def diverged(states):
+def diverged(states: np.ndarray) -> bool:
     """Return whether states (N, B, 13) are not finite, or too large to be squared."""
-    for n in range(len(states)):
-        for i in range(states.shape[1]):
-            for k in range(STATE):
-                if not abs(states[n, i, k]) < _DIVERGED:
-                    return True
-    return False
+    return not (np.abs(states) < _DIVERGED).all()
 
 
 def moments(runs: CloudCarry, scene: Scene) -> Iterator[Moments]:

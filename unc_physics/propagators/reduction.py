@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiler import kernel
 from ..scene.scene import Scene
-from ..spatial.layout import ERR_POSITION, ERR_VELOCITY, ERROR, P, V
+from ..spatial.layout import ERR_POSITION, ERR_VELOCITY, ERROR, POSITION, VELOCITY
 from .free_flight import Course
 
 _NEGLIGIBLE = 1e-13  # singular values that are round-off, relative to the largest entry of the root
@@ -63,16 +62,8 @@ def reduction(root: np.ndarray, parameters: int = 0) -> Reduction:
 
 def moved_in_common(states: np.ndarray, motion: np.ndarray, along: Course) -> None:
     """Add common motions (N, 6), a translation and a velocity at time 0, to states (N, B, 13) in place."""
-    _move(states, motion, along.reach, along.decay)
-
-
-@kernel
-def _move(states, motion, reach, decay):
-    for n in range(len(states)):
-        for i in range(states.shape[1]):
-            for k in range(3):
-                states[n, i, P + k] += motion[n, k] + reach * motion[n, 3 + k]
-                states[n, i, V + k] += decay * motion[n, 3 + k]
+    states[..., POSITION] += (motion[:, :3] + along.reach * motion[:, 3:])[:, None]
+    states[..., VELOCITY] += along.decay * motion[:, None, 3:]
 
 
 def common_covariance(motion: np.ndarray, along: Course, count: int) -> np.ndarray:

@@ -14,7 +14,7 @@ from ..physics.contact_history import ContactHistory, InitialAdjustment
 from ..physics.everyday import start as start_of_steps
 from ..scene.belief import Belief
 from ..scene.contact_world import everyday_world, fresh_history, settled_contacts
-from ..scene.kinematic_states import held_at_start, kinematic_belief
+from ..scene.kinematic_states import held_at_start, kinematic_belief, with_certain_velocities
 from ..scene.scene import Scene
 from ..spatial.layout import (
     ANGULAR_VELOCITY,
@@ -54,14 +54,7 @@ def constrain_belief(scene: Scene, belief: Belief) -> Belief:
         return belief
     mean = belief.mean.copy()
     mean[resting, VELOCITY] = mean[resting, ANGULAR_VELOCITY] = 0.0
-    still = np.zeros((len(belief.moving), ERROR), bool)
-    still[resting[belief.moving], ERR_VELOCITY] = still[resting[belief.moving], ERR_ANGULAR_VELOCITY] = True
-    P = belief.covariance.copy()
-    if belief.independent:
-        P[still[:, :, None] | still[:, None, :]] = 0.0
-    else:
-        P[still.ravel()], P[:, still.ravel()] = 0.0, 0.0
-    return Belief.trusted(mean, P, belief.moving)
+    return with_certain_velocities(belief, mean, resting)
 
 
 def draw(scene: Scene, belief: Belief, count: int, seed: int) -> np.ndarray:

@@ -95,12 +95,17 @@ def kinematic_belief(scene: Scene, belief: Belief) -> Belief:
     mean = with_kinematic(scene, belief.mean, 0.0)
     if not held.any():
         return belief if mean is belief.mean else belief.trusted(mean, belief.covariance, belief.moving)
-    mean, P = mean.copy(), belief.covariance.copy()
+    mean = mean.copy()
     for k in np.flatnonzero(held):
         carrier = mean[scene.actions.carrier[k]][None]
         mean[k] = carry_along(mean[None].copy(), k, carrier, carrier)[0, k]
-    still = np.zeros((len(belief.moving), ERROR), bool)
-    still[held[belief.moving], ERR_VELOCITY] = still[held[belief.moving], ERR_ANGULAR_VELOCITY] = True
+    return with_certain_velocities(belief, mean, held)
+
+
+def with_certain_velocities(belief: Belief, mean: np.ndarray, bodies: np.ndarray) -> Belief:
+    """Return the belief with another mean (B, 13), and without errors of the velocities of bodies (B,)."""
+    still, P = np.zeros((len(belief.moving), ERROR), bool), belief.covariance.copy()
+    still[bodies[belief.moving], ERR_VELOCITY] = still[bodies[belief.moving], ERR_ANGULAR_VELOCITY] = True
     if belief.independent:
         P[still[:, :, None] | still[:, None, :]] = 0.0
     else:
