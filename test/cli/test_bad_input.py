@@ -40,7 +40,8 @@ RIGHT = (0.5, [0.5] * 3, [0, 0, 0, 1], [0.5] * 6, np.eye(12).tolist())
 CODES = dict.fromkeys(("dt", "horizon"), "INVALID_HORIZON") | {
     **dict.fromkeys(("integrator", "overlap", "physics"), "INVALID_OPTION"),
     **dict.fromkeys(("spheres", "scale"), "INVALID_MODEL"),
-    "mass": "INVALID_MASS",
+    **dict.fromkeys(("mass", "mass_std"), "INVALID_MASS"),
+    **dict.fromkeys(("covariance", "pose_covariance", "common_pose_std"), "INVALID_COVARIANCE"),
     "bodies": "INVALID_REQUEST|NO_OBJECTS",
     "environment": "INVALID_ENVIRONMENT",
 }
@@ -55,8 +56,8 @@ def places():
     yield from (((key,), entry, {}) for key, entry in SCHEMA["properties"].items())
     other = {"name": "other", "mass": 1.0}
     for key, entry in BODY.items():
-        alone = {"shape": {}, "trajectory": {"model": "pin"}, "covariance": {"model": "pin"}}
-        beside = alone.get(key, CONTENTS["two_bodies"]()["bodies"][1])
+        alone = dict.fromkeys(("trajectory", "covariance", "pose_covariance"), {"model": "pin"})
+        beside = (alone | {"shape": {}}).get(key, CONTENTS["two_bodies"]()["bodies"][1])
         yield ("bodies", 0, key), entry, {"bodies": [other | beside]}
     for kind, entry in BODY["shape"]["properties"].items():
         body = other | {"shape": sized(kind, entry)}
@@ -219,8 +220,8 @@ CASES = [
     (covariance((2, 5, 0.001)), "INVALID_COVARIANCE", r"bodies\[1\].covariance.*\[2\]\[5\].*0.001"),
     (covariance((3, 3, -0.01)), "INVALID_COVARIANCE", r"bodies\[1\].covariance.*\[3\].*-0.01"),
     (covariance((0, 1, 0.02), (1, 0, 0.02)), "INVALID_COVARIANCE", r"bodies\[1\].covariance.*-0.01"),
-    (covariance((0, 0, "x")), "INVALID_REQUEST", r"bodies\[1\].covariance\[0\]\[0\].*'x'"),
-    (covariance(rows=6), "INVALID_REQUEST", "12 rows, three each for position, .* angular velocity"),
+    (covariance((0, 0, "x")), "INVALID_COVARIANCE", r"bodies\[1\].covariance must be an array .*'x'"),
+    (covariance(rows=6), "INVALID_COVARIANCE", "12 rows, three each for position, .* angular velocity"),
     (with_body(at_rest=True), "INVALID_OPTION", r"bodies\[1\].at_rest.*implicit.*True"),
     (at_rest(gravity=None), "INVALID_REQUEST", r"bodies\[1\].at_rest.*gravity"),
     (

@@ -8,6 +8,7 @@ from unc_physics import Belief, BodyBelief, PoseMeasurement, RigidBody, Scene, U
 from unc_physics.scene.scene_file import scene_from_dict
 
 PIN = load_model("pin").prefix(20)
+TURNED = [0, 0, 0, 1]
 SCENE = Scene([RigidBody("left", PIN), RigidBody("post", PIN, fixed=True), RigidBody("right", PIN)])
 LEFT = BodyBelief(
     position=(1, 2, 3),
@@ -62,7 +63,10 @@ def test_what_does_not_fit_is_named(bodies, words):
         ({"linear_velocity_std": 1e200}, "^linear_velocity_std is too large"),
         ({"orientation_std": 20.0}, "^orientation_std is more than a full turn; it is in rad"),
         ({"roll_pitch_yaw": (0, 0, -90)}, "^roll_pitch_yaw is more than a full turn; it is in rad"),
-        ({"covariance": np.eye(6)}, r"^covariance must have shape \(12, 12\)"),
+        ({"covariance": np.eye(6)}, "^covariance must have 12 rows"),
+        ({"pose_covariance": np.eye(6), "axes": "world"}, r"^axes must be 'fixed' .* or 'body', .*'world'"),
+        ({"pose_covariance": np.eye(6), "axes": "body", "position_std": 0.1}, "^pose_covariance must not be"),
+        ({"pose_covariance": np.eye(6), "covariance": np.eye(12)}, "^covariance must not be given beside"),
         (
             {"covariance": np.eye(12), "position_std": 0.1},
             "^covariance must not be given beside position_std",
@@ -218,36 +222,15 @@ def test_angles_in_degrees_turn_elements_and_paths():
     "place, entries, words",
     [
         ("body", {"pose_covariance": np.eye(6).tolist()}, r"bodies\[0\].axes must be 'fixed'"),
-        (
-            "body",
-            {"pose_covariance": np.eye(6).tolist(), "axes": "world"},
-            r"axes must be 'fixed' .* or 'body', .*\(got 'world'\)",
-        ),
         ("body", {"axes": "body"}, r"bodies\[0\].axes needs pose_covariance beside it"),
-        ("body", {"pose_covariance": np.eye(5).tolist(), "axes": "body"}, "must be a list of 6 rows"),
         ("body", {"covariance": np.eye(6).tolist()}, "is pose_covariance"),
-        (
-            "body",
-            {"pose_covariance": np.eye(6).tolist(), "axes": "body", "position_std": 0.1},
-            "pose_covariance must not be given beside position_std",
-        ),
-        (
-            "body",
-            {"pose_covariance": np.eye(6).tolist(), "axes": "body", "covariance": np.eye(12).tolist()},
-            "covariance must not be given beside pose_covariance",
-        ),
         ("body", {"roll_pitch_yaw": {"radians": [0, 0, 1]}}, "has no key 'radians'"),
-        ("body", {"roll_pitch_yaw": [0, 0, 90]}, r"bodies\[0\].roll_pitch_yaw is more than a full turn"),
-        ("body", {"roll_pitch_yaw": {}}, r"roll_pitch_yaw.degrees must be a list of 3 numbers"),
-        (
-            "box",
-            {"roll_pitch_yaw": [0, 0, 1], "orientation": [0, 0, 0, 1]},
-            r"environment\[0\].box.roll_pitch_yaw must not be given beside orientation",
-        ),
+        ("box", {"roll_pitch_yaw": [0, 0, 1], "orientation": TURNED}, "must not be given beside orientation"),
         ("sphere", {"roll_pitch_yaw": [0, 0, 1], "radius": 1}, "has no key 'roll_pitch_yaw'"),
     ],
 )
 def test_bad_poses_are_named(place, entries, words):
+    """The wrong values of keys are in test/cli/test_bad_input.py."""
     body = {"name": "pin", "model": "pin"} | (entries if place == "body" else {})
     shape = {"size": [1, 1, 1]} if place == "box" else {}
     elements = [] if place == "body" else [{place: shape | entries}]

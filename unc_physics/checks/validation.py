@@ -104,11 +104,16 @@ def integer(value, field, *, low, error: type[UncPhysicsError] = InvalidRequestE
 def numbers(value, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:
     """Return a float64 array of any shape, as a copy."""
     try:
-        if np.asarray(value).dtype.kind not in "SU":
+        if not _holds_truth(value) and np.asarray(value).dtype.kind not in "SU":
             return np.array(value, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError):
         pass
     raise error("must be an array of numbers", field=field, value=value)
+
+
+def _holds_truth(value):
+    """Return whether a value is true or false, or a list with such an entry."""
+    return isinstance(value, bool) or isinstance(value, (list, tuple)) and any(map(_holds_truth, value))
 
 
 def array(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
 from ..checks.errors import InvalidRequestError
@@ -11,7 +13,7 @@ from .entries import ORIENTATION, ROLL_PITCH_YAW, at_field, check_keys, read_num
 
 _VELOCITIES = ("linear_velocity", "angular_velocity")
 _POSE_KEYS = ("time", "position", ORIENTATION, ROLL_PITCH_YAW, *_VELOCITIES)
-_WRENCH_KEYS = ("force", "torque", "body_axes", "start", "duration")
+_WRENCH_KEYS = tuple(spec.name for spec in fields(Wrench))
 
 
 def read_path(poses, place) -> PosePath:
@@ -54,8 +56,4 @@ def read_wrenches(entries, place) -> list[Wrench]:
 
 def _wrench(content, field):
     check_keys(content, _WRENCH_KEYS, field)
-    given = {key: value for key, value in content.items() if value is not None}
-    for key in ("force", "torque"):
-        if key in given:
-            given[key] = read_numbers(given[key], (3,), f"{field}.{key}")
-    return at_field(field, Wrench, **given)
+    return at_field(field, Wrench, **{key: value for key, value in content.items() if value is not None})

@@ -226,7 +226,7 @@ class Belief:
         InvalidRequestError, NotFiniteError
         """
         field = "common_pose_std"
-        if np.shape(std) != (6,):
+        if numbers(std, field, InvalidCovarianceError).shape != (6,):
             raise InvalidCovarianceError(
                 "must be six numbers: three of the translation [m], three of the rotation [rad]",
                 field=field,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..checks.array_field import Array, MaybeArray, OptionalArray, array_field
-from ..checks.errors import InvalidRequestError, NotFiniteError
+from ..checks.errors import InvalidCovarianceError, InvalidRequestError, NotFiniteError
 from ..checks.names import one_of, with_named_arguments
 from ..checks.validation import array, covariance, non_negative, numbers, point, quaternion
 from ..spatial import origin as origins
@@ -144,6 +144,12 @@ class BodyBelief:
         if pose is None and self.axes is not None:
             raise InvalidRequestError("needs pose_covariance beside it", field="axes", value=self.axes)
         if whole is not None:
+            if numbers(whole, "covariance", InvalidCovarianceError).shape[:1] != (ERROR,):
+                raise InvalidCovarianceError(
+                    f"must have {ERROR} rows, three each for position, linear velocity, rotation about the"
+                    " body's axes and angular velocity; a matrix of position and rotation is pose_covariance",
+                    field="covariance",
+                )
             return covariance(whole, ERROR, "covariance")
         P = np.zeros((ERROR, ERROR))
         for name, place in STDS.items():
@@ -203,13 +209,13 @@ def pose_covariance(value, axes, orientation, field="pose_covariance") -> np.nda
     field : str
         Name of the value in errors.
     """
+    P = covariance(value, 6, field)
     if axes not in AXES:
         raise InvalidRequestError(
             f"must be 'fixed' (the world's axes, as in ROS) or 'body', the axes of the rotations of {field}",
             field="axes",
             value=axes,
         )
-    P = covariance(value, 6, field)
     if axes == "body":
         return P
     to_body = np.eye(6)

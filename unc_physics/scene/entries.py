@@ -10,7 +10,7 @@ from ..checks.errors import InvalidRequestError, UncPhysicsError
 from ..checks.names import hint, removed
 from ..checks.validation import array, number
 from ..spatial.rotation import from_roll_pitch_yaw
-from .body_belief import three_stds, within_a_turn
+from .body_belief import within_a_turn
 
 ORIENTATION, ROLL_PITCH_YAW = "orientation", "roll_pitch_yaw"
 
@@ -21,12 +21,6 @@ def at_field(field, function, *arguments, **options):
         return function(*arguments, **options)
     except UncPhysicsError as error:
         raise error.at(f"{field}.{error.field}" if error.field else field) from error
-
-
-def read_std(value, field):
-    """Return standard deviations (3,) from three numbers, or from one that stands for all."""
-    value = read_numbers(value, (3,), field) if isinstance(value, list) else number(value, field)
-    return three_stds(value, field)
 
 
 def read_orientation(content, field, error: type[UncPhysicsError] = InvalidRequestError):

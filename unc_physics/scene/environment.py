@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cache, partial
-from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
+from typing import Annotated, Any, ClassVar, get_type_hints
 
 import numpy as np
 
@@ -18,17 +18,6 @@ from ..shapes.pieces import HalfSpace, Piece
 from ..shapes.primitive_models import SIZES, primitive_pieces
 from ..spatial.rotation import rotation_matrix
 from .materials import Surface, check_surface
-
-
-class Quantity(NamedTuple):
-    """Shape and check of an element's numeric field; the shape () is a single number.
-
-    The check takes a value and the field's name. It returns the value to store, or raises
-    `InvalidEnvironmentError`.
-    """
-
-    shape: tuple[int, ...]
-    check: Callable[[Any, str], Any]
 
 
 def _length(value, field):
@@ -56,13 +45,14 @@ def _direction(value, field):
     return found / length
 
 
-#: Annotated types of an element's fields; scene files and checks read them.
-Number = Annotated[float, Quantity((), partial(number, error=InvalidEnvironmentError))]
-Length = Annotated[float, Quantity((), _length)]
-Lengths = Annotated[Array, Quantity((3,), _lengths)]
-Point = Annotated[Array, Quantity((3,), partial(point, error=InvalidEnvironmentError))]
-Direction = Annotated[Array, Quantity((3,), _direction)]
-Orientation = Annotated[Array, Quantity((4,), quaternion)]
+#: Types of an element's numeric fields with their checks. A check takes a value and the field's name, and
+#: returns the value to store, or raises `InvalidEnvironmentError`.
+Number = Annotated[float, partial(number, error=InvalidEnvironmentError)]
+Length = Annotated[float, _length]
+Lengths = Annotated[Array, _lengths]
+Point = Annotated[Array, partial(point, error=InvalidEnvironmentError)]
+Direction = Annotated[Array, _direction]
+Orientation = Annotated[Array, quaternion]
 
 _MOST_TILT = 0.5  # rad
 #: Name that stands for any element of the environment.
@@ -88,7 +78,7 @@ class ElementAttributes:
 class Element(ElementAttributes, Surface):
     """Base class of all elements of the environment.
 
-    Fields annotated with a `Quantity` are checked on construction and are keys of scene files.
+    Fields annotated with a check are checked on construction and are keys of scene files.
 
     Attributes
     ----------
@@ -129,8 +119,8 @@ class Element(ElementAttributes, Surface):
             ELEMENTS[cls.shape] = cls
 
     def __post_init__(self):
-        for name, quantity in quantities(type(self)).items():
-            object.__setattr__(self, name, quantity.check(getattr(self, name), name))
+        for name, check in quantities(type(self)).items():
+            object.__setattr__(self, name, check(getattr(self, name), name))
         check_surface(self, error=InvalidEnvironmentError)
         tilt = surface_tilt_std(self.surface_tilt_std, "surface_tilt_std")
         object.__setattr__(self, "surface_tilt_std", tilt)
@@ -216,8 +206,8 @@ def surface_tilt_std(value, field) -> float:
 
 
 @cache
-def quantities(kind: type[Element]) -> dict[str, Quantity]:
-    """Return the numeric fields of a kind of element."""
+def quantities(kind: type[Element]) -> dict[str, Callable[[Any, str], Any]]:
+    """Return the numeric fields of a kind of element, with their checks."""
     hints = get_type_hints(kind, include_extras=True)
     types = {spec.name: hints[spec.name] for spec in fields(kind)}
     return {name: hint.__metadata__[0] for name, hint in types.items() if hasattr(hint, "__metadata__")}

@@ -25,7 +25,6 @@ class PhysicsKey(NamedTuple):
     check: Callable[[Any, str], Any]
     meaning: str  # description with unit, for users
     law: bool = False  # whether null disables the law; otherwise null means unset
-    size: int = 1  # number of components
 
 
 #: Longest time step; longer ones are taken for a number of steps a second [s].
@@ -128,7 +127,7 @@ PHYSICS_KEYS = {
     "sleep": PhysicsKey(
         flag, "Whether what rests is not computed until something pushes it; not with 'explicit'.", law=True
     ),
-    "gravity": PhysicsKey(_gravity, "Gravity in the world frame, 3 numbers [m/s^2].", law=True, size=3),
+    "gravity": PhysicsKey(_gravity, "Gravity in the world frame, 3 numbers [m/s^2].", law=True),
     "integrator": PhysicsKey(
         check_integrator,
         "How steps are taken: as in the paper, with penalty forces of spheres ('explicit'), or with contacts"

@@ -22,26 +22,18 @@ from ..checks.errors import (
     UncPhysicsError,
 )
 from ..checks.names import one_of
-from ..checks.validation import flag, integer, non_negative, number, positive
+from ..checks.validation import flag, integer, positive
 from ..shapes.library import find_model
 from ..shapes.packing_file import load_packing
 from ..shapes.primitive_models import SIZES, primitive_model
 from ..spatial.layout import ERROR
 from .action_entries import read_path, read_wrenches
 from .belief import Belief
-from .body import RigidBody, known_mass
-from .body_belief import MEANS, STDS, BodyBelief
-from .entries import (
-    ORIENTATION,
-    ROLL_PITCH_YAW,
-    at_field,
-    check_keys,
-    read_numbers,
-    read_orientation,
-    read_std,
-)
-from .environment import ELEMENTS, Element, quantities, surface_tilt_std
-from .materials import Surface, check_surface
+from .body import RigidBody
+from .body_belief import BodyBelief
+from .entries import ORIENTATION, ROLL_PITCH_YAW, at_field, check_keys, read_orientation
+from .environment import ELEMENTS, Element, quantities
+from .materials import Surface
 from .physics_keys import OVERLAPS, PHYSICS_KEYS
 from .presets import EXACT_PRESETS, PRESETS, with_changes
 from .scene import Scene
@@ -64,67 +56,17 @@ _SCENE_KEYS = (
     _COMMON_STD,
     _COMMON_ORIGIN,
 )
-_SURFACE_KEYS = tuple(field.name for field in dataclasses.fields(Surface))
-_MOTION_KEYS = ("surface_velocity", "surface_angular_velocity", "surface_center")
-_ELEMENT_KEYS = ("name", *_SURFACE_KEYS, "surface_tilt_std", *_MOTION_KEYS)
-_MODEL_KEYS = (
-    "name",
-    "model",
-    "shape",
-    "spheres",
-    "scale",
-    "mass",
-    "mass_std",
-    "center_of_mass_std",
-    "inertia",
-)
 
 
-def _vector(value, field):
-    return read_numbers(value, (3,), field)
+def _fields(kind):
+    """Return the names of a dataclass's fields."""
+    return tuple(spec.name for spec in dataclasses.fields(kind))
 
 
-def _as_it_is(value, field):
-    return value
-
-
-def _covariance(value, field):
-    if isinstance(value, (list, tuple)) and len(value) != ERROR:
-        raise InvalidRequestError(
-            f"must have {ERROR} rows, three each for position, linear velocity, rotation about the body's"
-            " axes and angular velocity; a matrix of position and rotation is pose_covariance",
-            field=field,
-            value=value,
-        )
-    return read_numbers(value, (ERROR, ERROR), field)
-
-
-#: Readers of the entries of a body that are fields of `BodyBelief`, and of those about its actions.
-_BELIEF = {
-    "origin": _as_it_is,
-    **dict.fromkeys(MEANS, _vector),
-    **dict.fromkeys(STDS, read_std),
-    "covariance": _covariance,
-    "pose_covariance": lambda value, field: read_numbers(value, (6, 6), field),
-    "axes": _as_it_is,
-}
-_ACTIONS = {
-    "trajectory_std": lambda value, field: read_numbers(value, (6,) if value != 0 else (), field),
-    "attached_to": _as_it_is,
-    **dict.fromkeys(("attached_at", "released_at", "released_at_std"), number),
-    "wrenches": read_wrenches,
-    "drag": non_negative,
-}
-_BODY_KEYS = (
-    *_MODEL_KEYS,
-    *_BELIEF,
-    ORIENTATION,
-    ROLL_PITCH_YAW,
-    "fixed",
-    "at_rest",
-    "trajectory",
-    *_ACTIONS,
-    *_SURFACE_KEYS,
+_SURFACE_KEYS, _ELEMENT_KEYS = _fields(Surface), ("name", *_fields(Element))
+_BELIEF_KEYS, _RIGID_KEYS = _fields(BodyBelief), _fields(RigidBody)
+_BODY_KEYS = tuple(
+    dict.fromkeys(("name", "model", "shape", "spheres", "scale", "mass", *_BELIEF_KEYS, *_RIGID_KEYS))
 )
 
 
@@ -207,8 +149,7 @@ def _with_common_error(belief, content):
         if origin is not None:
             raise InvalidRequestError(f"needs {_COMMON_STD} beside it", field=_COMMON_ORIGIN, value=origin)
         return belief
-    origin = (0.0, 0.0, 0.0) if origin is None else read_numbers(origin, (3,), _COMMON_ORIGIN)
-    return belief.with_common_pose_std(read_numbers(std, (6,), _COMMON_STD), origin)
+    return belief.with_common_pose_std(std, (0.0, 0.0, 0.0) if origin is None else origin)
 
 
 def physics_options(content) -> dict:
@@ -276,10 +217,7 @@ def physics_value(key, value):
         )
     if value is None or (key == "stiffness" and value == AUTO):
         return value
-    spec = PHYSICS_KEYS[key]
-    if spec.size > 1:
-        value = read_numbers(value, (spec.size,), key)
-    return spec.check(value, key)
+    return PHYSICS_KEYS[key].check(value, key)
 
 
 def with_chosen_stiffness(options, bodies, mean) -> dict:
@@ -334,79 +272,46 @@ def _element(content, field):
     for spec in dataclasses.fields(ELEMENTS[kind]):
         if spec.name in known and spec.default is dataclasses.MISSING and entries.get(spec.name) is None:
             raise error("must be given", field=f"{place}.{spec.name}")
-    given = {
-        key: read_numbers(value, known[key].shape, f"{place}.{key}", error)
-        for key, value in entries.items()
-        if value is not None and key not in (ORIENTATION, ROLL_PITCH_YAW)
-    }
+    given = {key: value for key, value in entries.items() if value is not None and key != ROLL_PITCH_YAW}
     if (orientation := read_orientation(entries, place, error)) is not None:
         given[ORIENTATION] = orientation
-    surface = _surface(content, field, error)
-    if content.get("surface_tilt_std") is not None:
-        surface["surface_tilt_std"] = surface_tilt_std(
-            content["surface_tilt_std"], f"{field}.surface_tilt_std"
-        )
-    for key in _MOTION_KEYS:
-        if content.get(key) is not None:
-            surface[key] = read_numbers(content[key], (3,), f"{field}.{key}", error)
-    return at_field(place, ELEMENTS[kind], **given, name=name, **surface)
-
-
-def _surface(content, field, error: type[UncPhysicsError] = InvalidRequestError):
-    """Return the checked entries of a body or an element that describe its surface."""
     content = _with_spreads(content, f"{field}.", error)
-    given = {key: content[key] for key in _SURFACE_KEYS if content.get(key) is not None}
-    at_field(field, check_surface, Surface(**given), error=error)
-    return given
+    given |= {key: content[key] for key in _ELEMENT_KEYS if content.get(key) is not None}
+    try:
+        return ELEMENTS[kind](**given)
+    except UncPhysicsError as caught:
+        beside = caught.field.partition("[")[0] in _ELEMENT_KEYS
+        raise caught.at(f"{field if beside else place}.{caught.field}") from caught
 
 
 def _body(content, field, models_dir, folder):
     """A body, its state (13,) and its covariance (12, 12)."""
     check_keys(content, _BODY_KEYS, field)
     _check_texts(content, field)
-    fixed = content.get("fixed", False)
-    if not isinstance(fixed, bool):
-        raise InvalidRequestError("must be true or false", field=f"{field}.fixed", value=fixed)
-    trajectory = _trajectory(content, field)
-    belief = at_field(
-        field, BodyBelief, orientation=read_orientation(content, field), **_read(content, field, _BELIEF)
-    )
-    mass_std, com_std = (
-        0.0 if content.get(key) is None else content[key] for key in ("mass_std", "center_of_mass_std")
-    )
-    mass_std = non_negative(mass_std, f"{field}.mass_std")
-    com_std = read_std(com_std, f"{field}.center_of_mass_std")
+    fixed, trajectory = flag(content.get("fixed", False), f"{field}.fixed"), _trajectory(content, field)
+    content = {key: value for key, value in content.items() if value is not None or key == "shape"}
+    content = _with_spreads(content, f"{field}.")
+    known = {key: content[key] for key in _BELIEF_KEYS if key in content and key != ROLL_PITCH_YAW}
+    belief = at_field(field, BodyBelief, **known | {ORIENTATION: read_orientation(content, field)})
     if fixed:
-        _check_fixed(content, field, belief, {"mass_std": mass_std, "center_of_mass_std": com_std})
+        _check_fixed(content, field, belief)
     spheres = content.get("spheres")
-    moves = not fixed and trajectory is None
     if "shape" in content:
-        if moves and content.get("mass") is None:
+        if not fixed and trajectory is None and "mass" not in content:
             raise InvalidMassError("must be given for a body with a shape", field=f"{field}.mass")
         model = _primitive(content, field, spheres)
     else:
         model = at_field(
             field, load_shape, content["model"], spheres, content.get("scale"), models_dir, folder
         )
-    mass = known_mass(content.get("mass"), model, not moves, f"{field}.mass")
-    surface = _surface(content, field)
-    at_rest = False if content.get("at_rest") is None else content["at_rest"]
-    inertia = None if content.get("inertia") is None else _inertia(content["inertia"], f"{field}.inertia")
-    body = at_field(
-        field,
-        RigidBody,
-        content["name"],
-        model,
-        mass,
-        fixed,
-        mass_std,
-        com_std,
-        at_rest,
-        inertia,
-        trajectory,
-        **_read(content, field, _ACTIONS),
-        **surface,
-    )
+    given = {key: content[key] for key in _RIGID_KEYS if key in content}
+    given |= {"model": model, "trajectory": trajectory}
+    given["wrenches"] = read_wrenches(content.get("wrenches", []), f"{field}.wrenches")
+    try:
+        body = RigidBody(**given)
+    except UncPhysicsError as error:
+        place = error.field.replace(f" of body '{content['name']}'", "")
+        raise error.at(f"{field}.{place}") from error
     belief = belief.at_center_of_mass(model.origin)
     state = belief.state if trajectory is None else trajectory.states[0]
     return body, state, belief.covariance
@@ -422,7 +327,7 @@ def _check_texts(content, field):
             )
 
 
-def _check_fixed(content, field, belief, stds):
+def _check_fixed(content, field, belief):
     """Raise an error for a belief or standard deviations that a fixed body cannot have."""
     problem = "must be zero or absent: the body is fixed"
     try:
@@ -431,8 +336,8 @@ def _check_fixed(content, field, belief, stds):
         if content.get("covariance") is None:
             raise
         raise InvalidRequestError(problem, field=f"{field}.covariance") from error
-    for key, values in stds.items():
-        if np.any(values):
+    for key in ("mass_std", "center_of_mass_std"):
+        if np.any(content.get(key, 0.0)):
             raise InvalidRequestError(problem, field=f"{field}.{key}", value=content[key])
 
 
@@ -451,11 +356,7 @@ def _primitive(content, field, spheres):
     check_keys(given, SIZES, place)
     ((kind, sizes),) = given.items()
     check_keys(sizes, SIZES[kind], f"{place}.{kind}")
-    lengths = {
-        key: read_numbers(value, (3,) if key == "size" else (), f"{place}.{kind}.{key}")
-        for key, value in sizes.items()
-        if value is not None
-    }
+    lengths = {key: value for key, value in sizes.items() if value is not None}
     packing = at_field(f"{place}.{kind}", primitive_model, kind, **lengths)
     return at_field(field, _cut, packing, spheres)
 
@@ -464,21 +365,12 @@ def _trajectory(content, field):
     """Return the path of a body, or None."""
     if content.get("trajectory") is None:
         return None
-    for key in (*_BELIEF, ORIENTATION, ROLL_PITCH_YAW):
+    for key in _BELIEF_KEYS:
         if content.get(key) is not None:
             raise InvalidRequestError(
                 "must be absent: the body's trajectory says where it is", field=f"{field}.{key}"
             )
     return read_path(content["trajectory"], f"{field}.trajectory")
-
-
-def _read(content, field, readers):
-    """Return the entries of a body that have readers, by key."""
-    return {
-        key: read(content[key], f"{field}.{key}")
-        for key, read in readers.items()
-        if content.get(key) is not None
-    }
 
 
 def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
@@ -516,11 +408,3 @@ def _cached_cut(packing, spheres, scale):
 @functools.lru_cache(maxsize=64)
 def _load_packing(path, changed):
     return load_packing(path)
-
-
-def _inertia(value, field):
-    """Return inertia per unit mass: a number, three principal moments along the body axes, or a matrix."""
-    if not isinstance(value, list):
-        return number(value, field)
-    rows = bool(value) and isinstance(value[0], list)
-    return read_numbers(value, (3, 3) if rows else (3,), field)
