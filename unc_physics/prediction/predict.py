@@ -112,10 +112,17 @@ def predict_marks(
     max_computation_time: float | None = None,
     progress: Callable[[int, int], object] | None = None,
     events: Iterable[Event] = (),
+    earlier: Sequence[Prediction] | None = None,
 ) -> Prediction:
-    """Predict as `predict`, for marks of `request_checks.checked_marks` with the same arguments."""
+    """Predict as `predict`, for marks of `request_checks.checked_marks` with the same arguments.
+
+    The rollouts of an ``earlier`` prediction of the same scene by Monte Carlo with the same seed are not
+    simulated again. An empty sequence asks for a prediction that can be an earlier one.
+    """
     started = clock()
-    asked_for = prepare(scene, belief, propagator, marks)
+    known = [carry for one in earlier or () for carry in (one.first, *(at.carry for at in one.snapshots))]
+    asked_for = scene if known else without_idle_parts(scene, belief, marks[-1].time)
+    check_memory(asked_for, belief, propagator, len(marks))
     missing = left_out(asked_for, propagator)
     scene = without(asked_for, missing)
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
@@ -128,9 +135,10 @@ def predict_marks(
             found.snapshots,
             found.initial,
             found.start,
-            clock() - started,
+            clock() - started + sum(one.wall_time for one in earlier or ()),
             asked_for if missing else None,
             found.points_history,
+            None if earlier is None else found.first,
         )
 
     with time_limit() as limit:
@@ -138,7 +146,7 @@ def predict_marks(
         compute_budget = ComputeBudget(allowed, started, limit if ends_early else None)
         try:
             propagation = Propagation(scene, belief, propagator, marks, compute_budget, asked)
-            prediction = prediction_of(propagation.run(progress))
+            prediction = prediction_of(propagation.run(progress, known))
             if asked:
                 prediction = _with_counted(prediction, marks, compute_budget, progress, asked)
                 prediction = replace(prediction, wall_time=clock() - started)
@@ -147,16 +155,6 @@ def predict_marks(
                 error.prediction = prediction_of(error.prediction)
             raise
     return prediction
-
-
-def prepare(scene: Scene, belief: Belief, propagator: Propagator, marks: Sequence[Mark]) -> Scene:
-    """Return the scene without uncertain parts that have no effect.
-
-    Raises `LimitExceededError` if a prediction for all marks exceeds the memory.
-    """
-    scene = without_idle_parts(scene, belief, marks[-1].time)
-    check_memory(scene, belief, propagator, len(marks))
-    return scene
 
 
 def _with_counted(prediction, marks, compute_budget, progress, events):

@@ -50,6 +50,8 @@ class Prediction(PredictionData):
     points_history : ContactHistory or None
         What points of the belief met at time 0, of a propagator with a single nominal rollout on the implicit
         step; its status needs it.
+    first : NamedTuple or None
+        The propagator's carry at time 0, if rollouts are added to it.
     """
 
     def __str__(self) -> str:

@@ -33,6 +33,7 @@ class PredictionData:
     wall_time: float
     asked: Scene | None = None
     points_history: ContactHistory | None = None
+    first: Any = None
 
     @property
     def left_out(self) -> tuple[str, ...]:

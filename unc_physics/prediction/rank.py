@@ -16,18 +16,15 @@ from ..checks.names import hint, with_known_keywords
 from ..checks.shown import printable
 from ..checks.validation import instance, integer, positive
 from ..compiler.compile_time import clock
-from ..compiler.time_limit import time_limit
 from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator
 from ..scene.belief import Belief
 from ..scene.marks import Mark
 from ..scene.scene import Scene
 from .actions import Action, about_action, after_actions
-from .compute_budget import ComputeBudget
-from .driver import Propagation
 from .events import Event
 from .executors import ROUND_CHUNK_TIME, AnyExecutor, Workers
-from .predict import prepare
+from .predict import predict_marks
 from .prediction import Prediction
 from .probability import sample_outcomes
 from .request_checks import checked_marks
@@ -37,6 +34,7 @@ from .tables import FEW_LINES, preformatted
 
 #: Share of `rollouts` for each action that the budget is by default, where that is more than two actions'.
 _BUDGET_SHARE = 0.2
+_NO_TIME = 1e-9  # s, of a round that begins when time is up
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +281,7 @@ def rank_candidates(
         )
     allowed = None if max_computation_time is None else positive(max_computation_time, "max_computation_time")
     halving = SequentialHalving(candidates, propagator.samples, most)
-    found: dict[str, _Simulated] = {}
+    found: dict[str, Prediction] = {}
 
     def show(*_):
         if progress is not None:
@@ -296,7 +294,7 @@ def rank_candidates(
         with closing(Workers(executor, ROUND_CHUNK_TIME)) as workers:
             while halving.remaining:
                 own = replace(propagator, samples=halving.count)
-                left = None if allowed is None else allowed - (clock() - started)
+                left = None if allowed is None else max(allowed - (clock() - started), _NO_TIME)
                 work = partial(_simulated, own, score, left, show if workers.here and progress else None)
                 asked = [(name, candidates[name], found.get(name)) for name in halving.remaining]
                 if not (found or workers.here):
@@ -310,7 +308,7 @@ def rank_candidates(
                 found |= added
                 halving.add(
                     {
-                        name: score.happened(added[name].outcomes)
+                        name: score.happened(_outcomes(added[name]))
                         for name in halving.remaining
                         if name in added
                     }
@@ -325,51 +323,38 @@ def rank_candidates(
     return ranking()
 
 
-class _Simulated(NamedTuple):
-    """Prediction of a candidate, and the carries at time 0 and at each mark, to which rollouts are added."""
-
-    prediction: Prediction
-    carries: tuple[Any, ...]
-
-    @property
-    def outcomes(self):
-        """Outcomes of the rollouts at the horizon."""
-        return sample_outcomes(self.prediction.scene, self.prediction.initial, self.prediction.at())
+def _outcomes(prediction):
+    """Return the outcomes of the rollouts at the horizon."""
+    return sample_outcomes(prediction.scene, prediction.initial, prediction.at())
 
 
-def _simulated(propagator, score, allowed, progress, asked) -> _Simulated | UncPhysicsError:
-    """Simulate a candidate to as many rollouts as the propagator has, within the allowed time [s].
+def _simulated(propagator, score, allowed, progress, asked) -> Prediction | UncPhysicsError:
+    """Predict a candidate with as many rollouts as the propagator has, within the allowed time [s].
 
     Returns an error that is about the candidate.
     """
-    started, (_, (scene, belief, marks), before) = clock(), asked
-    earlier, wall_time = (), 0.0
+    _, (scene, belief, marks), before = asked
+    earlier = () if before is None else (before,)
+    limits = {"max_computation_time": allowed, "progress": progress}
     try:
         if before is None:
             score.check(scene, "score")
-            scene = prepare(scene, belief, propagator, marks)
         else:
-            scene, earlier, wall_time = before.prediction.scene, before.carries, before.prediction.wall_time
-        with time_limit() as limit:
-            ends_early = scene.integrator != "explicit"  # the explicit step's kernels do not
-            time = ComputeBudget(allowed, started, limit if ends_early else None)
-            result = Propagation(scene, belief, propagator, marks, time).run(progress, earlier)
+            scene = before.scene
+        return predict_marks(scene, belief, propagator, marks, **limits, earlier=earlier)
     except (PredictionTimeoutError, CanceledError):
         raise
     except UncPhysicsError as error:
         return error
-    wall_time += clock() - started
-    prediction = Prediction(scene, propagator, result.snapshots, result.initial, result.start, wall_time)
-    return _Simulated(prediction, (result.first, *(one.carry for one in result.snapshots)))
 
 
 def _ranked_actions(found, halving, score):
     """Yield the actions of a ranking by the rounds so far, in order."""
-    margins = {name: score.margin(found[name].outcomes) for name in halving.order}
+    margins = {name: score.margin(_outcomes(found[name])) for name in halving.order}
     ties = halving.ties()
     ties.sort(key=lambda name: math.inf if margins[name] is None else -margins[name])
     for name in [*ties, *(name for name in halving.order if name not in ties)]:
-        prediction = found[name].prediction
+        prediction = found[name]
         yield RankedAction(
             name,
             prediction,
