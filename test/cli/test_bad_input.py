@@ -56,7 +56,7 @@ def places():
     yield from (((key,), entry, {}) for key, entry in SCHEMA["properties"].items())
     other = {"name": "other", "mass": 1.0}
     for key, entry in BODY.items():
-        alone = dict.fromkeys(("trajectory", "covariance", "pose_covariance"), {"model": "pin"})
+        alone = {one: {"model": "pin"} for one in ("trajectory", "covariance", "pose_covariance")}
         beside = (alone | {"shape": {}}).get(key, CONTENTS["two_bodies"]()["bodies"][1])
         yield ("bodies", 0, key), entry, {"bodies": [other | beside]}
     for kind, entry in BODY["shape"]["properties"].items():

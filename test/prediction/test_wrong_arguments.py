@@ -9,9 +9,7 @@ from unc_physics import (
     Belief,
     BodyBelief,
     Box,
-    Capsule,
     Plane,
-    RigidBody,
     Scene,
     UncPhysicsError,
     assess,
@@ -19,7 +17,6 @@ from unc_physics import (
     load_scene,
     make_propagator,
     predict,
-    start_belief,
 )
 from unc_physics.scene.scene_file import scene_from_dict
 
@@ -40,14 +37,6 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
             "horizon must be one time; several are given as times=[...] (got [0.1, 0.2])",
         ),
         (
-            lambda: predict(SCENE, BELIEF, "sigma_points", "1"),
-            "horizon must be a number, not a text (got '1')",
-        ),
-        (
-            lambda: predict(SCENE, BELIEF, "sigma_points", 0.1, times=[0.2]),
-            "horizon is the last time, so it must be at least that of times, 0.2 s (got 0.1)",
-        ),
-        (
             lambda: predict(SCENE, BELIEF, "linearisation", 0.1),
             (
                 "propagator must be one of linearization, surrogate, sigma_points, local_sampling,"
@@ -58,19 +47,7 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
             lambda: make_propagator("cloud", run=64),
             "run is no option of cloud; its options are runs, samples, seed; did you mean 'runs'? (got 64)",
         ),
-        (
-            lambda: RigidBody("a", MODEL, friction="0.4"),
-            "friction of body 'a' must be a number, not a text (got '0.4')",
-        ),
         (lambda: Box((1, 1, 1), mu=0.4), "mu is no argument of Box; did you mean 'friction'? (got 0.4)"),
-        (
-            lambda: Capsule(0.1, 1.0, restitutoin=0.4),
-            "restitutoin is no argument of Capsule; did you mean 'restitution'? (got 0.4)",
-        ),
-        (
-            lambda: BodyBelief(pos=(0, 0, 1)),
-            "pos is no argument of BodyBelief; did you mean 'position'? (got (0, 0, 1))",
-        ),
         (lambda: BodyBelief(position_std="0.01"), "position_std must be an array of numbers (got '0.01')"),
         (
             lambda: BodyBelief(position=(0, 0, "0.1")),
@@ -80,14 +57,11 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
             lambda: PREDICTION.at(0.1)["x"],
             "key is no entry of a Snapshot; a body at a time is prediction.body(name, time=0.1) (got 'x')",
         ),
-        (lambda: start_belief(BELIEF, SCENE), "scene must be a Scene, not a Belief"),
-        (lambda: start_belief(SCENE, ARRAY), "belief must be a Belief, not a ndarray"),
         (lambda: make_propagator(["surrogate"]), "name must be a str, not a list"),
         (lambda: load_scene(3), "path must be a str or a PathLike, not an int"),
         (lambda: load_model(3), "name_or_path must be a str or a PathLike, not an int"),
         (lambda: Belief.of(SCENE, ARRAY), "bodies must be a Mapping, not a ndarray"),
         (lambda: assess(SCENE), "prediction must be a Prediction, not a Scene"),
-        (lambda: PREDICTION.probability("touches"), "event must be an Event, not a str"),
         (lambda: PREDICTION.contact_time(AtRest("left")), "event must be a Touches, not an AtRest"),
         (
             lambda: Scene.everyday(SCENE.bodies, environment=Plane()),
@@ -99,10 +73,6 @@ PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
         (
             lambda: Scene.everyday(SCENE.bodies[0]),
             "bodies must be a list of RigidBody, not a single RigidBody; write [body]",
-        ),
-        (
-            lambda: Belief.of(SCENE, {"x": BodyBelief()}),
-            "bodies['x'] is no body of the scene; there are left, right",
         ),
     ],
 )

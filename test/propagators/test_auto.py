@@ -1,5 +1,6 @@
 """The anytime answer: rollouts until it is sure enough, and how sure it is."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -169,7 +170,7 @@ def test_a_mean_of_rotations_in_all_directions_is_less_sure(loaded):
         of, means = [], []
         for _ in range(20):
             mean, errors = drawn(spread)
-            of.append(_wrapping(fitted._replace(mean=mean, errors=errors)))
+            of.append(_wrapping(replace(fitted, mean=mean, errors=errors)))
             means.append(2.0 * np.arccos(np.abs((mean[:, 6:10] * fitted.mean[:, 6:10]).sum(axis=1))))
         actual = np.sqrt(np.mean(np.square(means))) / (np.sqrt(3.0) * spread / np.sqrt(count))
         assert least <= np.median(of) <= most

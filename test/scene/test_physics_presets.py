@@ -110,11 +110,6 @@ RATE = "dt is in seconds and must be at most 0.25; for 240 steps a second write 
             InvalidRequestError,
             "must not be given beside friction.std",
         ),
-        (
-            {"restitution": {"mean": 0.4, "std": -1}},
-            InvalidRequestError,
-            "restitution_std must not be negative",
-        ),
         ({"dt": 0.5}, InvalidHorizonError, RATE),
         ({"dt": 240.0}, InvalidHorizonError, RATE),
         ({"integrator": "explicit", "friction": 0.3}, InvalidOptionError, "friction .*implicit"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -63,18 +64,15 @@ class Group(NamedTuple):
     flew: bool  # whether this is a body without contacts that was not moved at the start
 
 
-class _Fit(NamedTuple):
-    """The surface of a group, for all times at which the same bodies have met."""
+@dataclass(frozen=True, eq=False)
+class GroupFit:
+    """Surface of a group, for all times at which the same bodies have met, and matrices of its moments."""
 
     reduced: Reduction | None  # of a group that is alone
     transform: np.ndarray  # (d, d'): from the group's numbers z to the surface's coordinates
     x: np.ndarray  # (N, d'): the rollouts in these
     points: np.ndarray  # (S, d): the group's numbers z of the points that moments are taken over
     surface: ResponseSurface
-
-
-class GroupFit(_Fit):
-    """Surface of a group, with the cached matrices of its moments."""
 
     @cached_property
     def map(self) -> np.ndarray:
@@ -104,8 +102,9 @@ class GroupFit(_Fit):
         return np.ascontiguousarray(root.T)
 
 
-class _Outcomes(NamedTuple):
-    """A group's rollouts at one time."""
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """A group's rollouts at one time, with moments that are computed when they are used."""
 
     group: Group
     fit: GroupFit
@@ -114,10 +113,6 @@ class _Outcomes(NamedTuple):
     #: (n, 12 m): differences of the first n rollouts from a surface through the others
     left_out: np.ndarray
     error: float  # mean square of these over the variance, in outcomes by their spread
-
-
-class Moments(_Outcomes):
-    """A group's rollouts at one time, with cached moments."""
 
     @property
     def has_surface(self) -> bool:
