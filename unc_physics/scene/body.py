@@ -134,86 +134,64 @@ class RigidBody(Surface):
             raise InvalidRequestError(
                 f"must be a SpherePacking{loaded}", field=f"model of body '{self.name}'", value=self.model
             )
-        check_surface(self, f" of body '{self.name}'")
-        field = f"center_of_mass_std of body '{self.name}'"
-        std = numbers(self.center_of_mass_std, field)
-        std = array(np.full(3, std) if std.ndim == 0 else std, (3,), field)
-        non_negative(float(std.min()), field)
+        of = f" of body '{self.name}'"
+        check_surface(self, of)
+        shifts = numbers(self.center_of_mass_std, f"center_of_mass_std{of}")
+        shifts = array(np.full(3, shifts) if shifts.ndim == 0 else shifts, (3,), f"center_of_mass_std{of}")
+        non_negative(float(shifts.min()), f"center_of_mass_std{of}")
+        if self.trajectory is not None:
+            instance(self.trajectory, PosePath, f"trajectory{of}")
         checked = {
-            "fixed": flag(self.fixed, f"fixed of body '{self.name}'"),
-            "mass": known_mass(self.mass, self.model, not self.free, f"mass of body '{self.name}'"),
-            "mass_std": non_negative(self.mass_std, f"mass_std of body '{self.name}'", InvalidMassError),
-            "center_of_mass_std": std,
-            "at_rest": flag(self.at_rest, f"at_rest of body '{self.name}'"),
+            "fixed": flag(self.fixed, f"fixed{of}"),
+            "mass": known_mass(self.mass, self.model, not self.free, f"mass{of}"),
+            "mass_std": non_negative(self.mass_std, f"mass_std{of}", InvalidMassError),
+            "center_of_mass_std": shifts,
+            "at_rest": flag(self.at_rest, f"at_rest{of}"),
+            "trajectory_std": six_stds(self.trajectory_std, f"trajectory_std{of}"),
+            "attached_at": non_negative(self.attached_at, f"attached_at{of}"),
+            "released_at_std": non_negative(self.released_at_std, f"released_at_std{of}"),
+            "wrenches": tuple(self.wrenches),
+            "drag": non_negative(self.drag, f"drag{of}"),
         }
+        if self.released_at is not None:
+            checked["released_at"] = number(self.released_at, f"released_at{of}")
         if self.inertia is not None:
-            checked["inertia"] = _checked_inertia(
-                self.inertia, self.model.bounding_radius, f"inertia of body '{self.name}'"
-            )
-        if checked["mass_std"] > checked["mass"]:
-            raise InvalidMassError(
-                "must not exceed the mass", field=f"mass_std of body '{self.name}'", value=self.mass_std
-            )
-        if checked["at_rest"] and not self.free:
-            kind = "fixed" if checked["fixed"] else "prescribed"
-            raise InvalidRequestError(
-                f"must be false for a {kind} body", field=f"at_rest of body '{self.name}'", value=True
-            )
-        checked |= self._checked_actions(checked["fixed"])
+            checked["inertia"] = _checked_inertia(self.inertia, self.model.bounding_radius, f"inertia{of}")
+        for k, wrench in enumerate(checked["wrenches"]):
+            instance(wrench, Wrench, f"wrenches[{k}]{of}")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+        if self.mass_std > self.mass:
+            raise InvalidMassError("must not exceed the mass", field=f"mass_std{of}", value=self.mass_std)
+        for name, is_wrong, problem in self._contradictions():
+            if is_wrong:
+                value = getattr(self, name)
+                shown = value if isinstance(value, (bool, float)) else None
+                raise InvalidRequestError(problem, field=f"{name}{of}", value=shown)
 
-    def _checked_actions(self, fixed):
-        """Return the validated fields of robot actions."""
-        suffix = f" of body '{self.name}'"
-        std = six_stds(self.trajectory_std, f"trajectory_std{suffix}")
-        if self.trajectory is not None:
-            instance(self.trajectory, PosePath, f"trajectory{suffix}")
-            if fixed:
-                raise InvalidRequestError("must be absent: the body is fixed", field=f"trajectory{suffix}")
-            if self.mass_std or np.any(self.center_of_mass_std):
-                raise InvalidRequestError(
-                    "must be zero or absent: the body is prescribed", field=f"mass_std{suffix}"
-                )
-        elif std.any():
-            raise InvalidRequestError("needs a trajectory beside it", field=f"trajectory_std{suffix}")
-        wrenches = tuple(self.wrenches)
-        for k, wrench in enumerate(wrenches):
-            instance(wrench, Wrench, f"wrenches[{k}]{suffix}")
-        drag = non_negative(self.drag, f"drag{suffix}")
-        for name, value in (("wrenches", wrenches), ("drag", drag)):
-            if value and not self.free:
-                raise InvalidRequestError("must be absent: no force moves this body", field=f"{name}{suffix}")
-        return {"trajectory_std": std, "wrenches": wrenches, "drag": drag} | self._checked_attachment(suffix)
-
-    def _checked_attachment(self, of):
-        start = non_negative(self.attached_at, f"attached_at{of}")
-        stop = None if self.released_at is None else number(self.released_at, f"released_at{of}")
-        std = non_negative(self.released_at_std, f"released_at_std{of}")
-        if self.attached_to is None:
-            for name, value in (("attached_at", start), ("released_at", stop), ("released_at_std", std)):
-                if value:
-                    raise InvalidRequestError("needs attached_to beside it", field=f"{name}{of}", value=value)
-            return {}
-        if not isinstance(self.attached_to, str) or not self.attached_to:
-            raise InvalidRequestError("must be the name of a body", field=f"attached_to{of}")
-        if self.attached_to == self.name:
-            raise InvalidRequestError("must be another body than itself", field=f"attached_to{of}")
-        if not self.free:
-            raise InvalidRequestError(
-                "must be absent: the body is fixed or prescribed", field=f"attached_to{of}"
-            )
-        if self.at_rest and start == 0.0:
-            raise InvalidRequestError(
-                "must be false, as the body is held at time 0", field=f"at_rest{of}", value=True
-            )
-        if stop is not None and stop <= start:
-            raise InvalidRequestError(
-                f"must be later than attached_at, {start:.6g} s", field=f"released_at{of}", value=stop
-            )
-        if std > 0.0 and stop is None:
-            raise InvalidRequestError("needs released_at beside it", field=f"released_at_std{of}", value=std)
-        return {"attached_at": start, "released_at": stop, "released_at_std": std}
+    def _contradictions(self):
+        """Yield fields that may contradict others, whether they do, and the problem."""
+        path, holder, stop = self.trajectory is not None, self.attached_to, self.released_at
+        kind = "fixed" if self.fixed else "prescribed"
+        yield "at_rest", self.at_rest and not self.free, f"must be false for a {kind} body"
+        yield "trajectory", path and self.fixed, "must be absent: the body is fixed"
+        uncertain = self.mass_std or self.center_of_mass_std.any()
+        yield "mass_std", path and uncertain, "must be zero or absent: the body is prescribed"
+        yield "trajectory_std", not path and self.trajectory_std.any(), "needs a trajectory beside it"
+        for name in ("wrenches", "drag"):
+            yield name, getattr(self, name) and not self.free, "must be absent: no force moves this body"
+        for name in ("attached_at", "released_at", "released_at_std"):
+            yield name, holder is None and getattr(self, name), "needs attached_to beside it"
+        if holder is None:
+            return
+        yield "attached_to", not isinstance(holder, str) or not holder, "must be the name of a body"
+        yield "attached_to", holder == self.name, "must be another body than itself"
+        yield "attached_to", not self.free, "must be absent: the body is fixed or prescribed"
+        held = self.at_rest and self.attached_at == 0.0
+        yield "at_rest", held, "must be false, as the body is held at time 0"
+        late = f"must be later than attached_at, {self.attached_at:.6g} s"
+        yield "released_at", stop is not None and stop <= self.attached_at, late
+        yield "released_at_std", self.released_at_std and stop is None, "needs released_at beside it"
 
     @property
     def free(self) -> bool:
