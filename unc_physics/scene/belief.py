@@ -166,12 +166,14 @@ class Belief:
                     f"is no body of the scene{hint(str(name), names)}", field=f"bodies[{name!r}]"
                 )
             instance(given, BodyBelief, f"bodies[{name!r}]")
+        states, blocks = [], []
         for body in scene.bodies:
             if body.trajectory is not None:
                 if body.name in bodies:
                     raise InvalidRequestError(
                         "must be absent: its trajectory says where it is", field=f"bodies['{body.name}']"
                     )
+                states.append(body.trajectory.states[0])
                 continue
             if body.name not in bodies:
                 raise InvalidRequestError(f"must have an entry for '{body.name}'", field="bodies")
@@ -179,21 +181,11 @@ class Belief:
                 try:
                     bodies[body.name].check_fixed()
                 except InvalidRequestError as error:
-                    field = f"{error.field} of body '{body.name}'"
-                    raise error.at(field) from None
-        given = {
-            body.name: bodies[body.name].at_center_of_mass(body.model.origin)
-            for body in scene.bodies
-            if body.trajectory is None
-        }
-        mean = np.array(
-            [
-                given[body.name].state if body.trajectory is None else body.trajectory.states[0]
-                for body in scene.bodies
-            ]
-        )
-        blocks = [given[body.name].covariance for body in scene.bodies if body.free]
-        belief = cls(mean, np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
+                    raise error.at(f"{error.field} of body '{body.name}'") from None
+            given = bodies[body.name].at_center_of_mass(body.model.origin)
+            states.append(given.state)
+            blocks += [given.covariance] if body.free else []
+        belief = cls(np.array(states), np.array(blocks).reshape(-1, ERROR, ERROR), scene.moving)
         belief.check_fits(scene)
         return belief
 

@@ -43,7 +43,6 @@ from .pairs import PairMaterial, checked_pairs
 from .physics_keys import PHYSICS_KEYS, check_integrator
 from .presets import EXACT_PRESETS, PRESETS, with_changes
 
-#: Standard deviations of the scene's own parameters.
 #: Names of all uncertain parameters (`Scene.uncertain`).
 UNCERTAIN_PARAMETERS = (
     "stiffness",
@@ -280,19 +279,17 @@ class Scene:
 
     def _check_needs_no_gravity(self):
         """Raise `InvalidRequestError` if gravity is not set but the scene appears to need it."""
-        if self.environment:
-            reason = "an environment"
-        elif any(surface.friction for surface in (self, *self.bodies)):
-            reason = "friction"
-        elif any(body.at_rest for body in self.bodies):
-            reason = "bodies at rest"
-        else:
-            return
-        raise InvalidRequestError(
-            f"must be given, as the scene has {reason}: use physics 'everyday' (Scene.everyday in Python),"
-            " or give gravity, [0, 0, -9.81] or [0, 0, 0]",
-            field="gravity",
-        )
+        reasons = {
+            "an environment": self.environment,
+            "friction": any(surface.friction for surface in (self, *self.bodies)),
+            "bodies at rest": any(body.at_rest for body in self.bodies),
+        }
+        if found := [reason for reason, holds in reasons.items() if holds]:
+            raise InvalidRequestError(
+                f"must be given, as the scene has {found[0]}: use physics 'everyday' (Scene.everyday in Python),"
+                " or give gravity, [0, 0, -9.81] or [0, 0, 0]",
+                field="gravity",
+            )
 
     def _check_at_rest(self):
         """Raise `InvalidRequestError` if a body is at rest without gravity."""
