@@ -286,8 +286,8 @@ class Scene:
         }
         if found := [reason for reason, holds in reasons.items() if holds]:
             raise InvalidRequestError(
-                f"must be given, as the scene has {found[0]}: use physics 'everyday' (Scene.everyday in Python),"
-                " or give gravity, [0, 0, -9.81] or [0, 0, 0]",
+                f"must be given, as the scene has {found[0]}: use physics 'everyday' (Scene.everyday in"
+                " Python), or give gravity, [0, 0, -9.81] or [0, 0, 0]",
                 field="gravity",
             )
 
