@@ -395,28 +395,17 @@ def mean_penetration(evidence):
         return None
     depths, _ = overlaps(scene, belief.mean[None])
     kept = start.overlap if start.found is None else np.maximum(start.overlap, start.found.kept.max(axis=0))
-    scale, depth = _depth_scales(evidence), depths[0] - kept
+    std = np.zeros(len(scene.bodies))
+    P = belief.blocks[:, ERR_POSITION, ERR_POSITION]
+    std[scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(P)[:, -1], 0.0))
+    scale, depth = np.clip(std, *_MEAN_DEPTHS), depths[0] - kept
     if (depth > scale).any() and evidence.states is not None:
-        own, _ = overlaps(scene, evidence.states[_looked_at(evidence.states)])
+        # evenly spaced, as the first ones of many sigma points lie on one side of the mean
+        last = len(evidence.states) - 1
+        some = np.linspace(0, last, min(last + 1, _LOOKED_AT)).round().astype(int)
+        own, _ = overlaps(scene, evidence.states[some])
         depth = depth - np.quantile(own, _USUAL, axis=0)
     return np.maximum(depth - _SURE * mean_pose_errors(evidence), 0.0) / scale
-
-
-def _looked_at(states):
-    """Return the indices of the states whose depths are computed, evenly spaced.
-
-    The first ones of many sigma points lie on one side of the mean.
-    """
-    count = len(states)
-    return np.linspace(0, count - 1, min(count, _LOOKED_AT)).round().astype(int)
-
-
-def _depth_scales(evidence):
-    """Return the unit of `mean_penetration` (B,), a limited standard deviation of the position [m]."""
-    std, belief = np.zeros(len(evidence.scene.bodies)), evidence.snapshot.belief
-    P = belief.blocks[:, ERR_POSITION, ERR_POSITION]
-    std[evidence.scene.moving] = np.sqrt(np.maximum(np.linalg.eigvalsh(P)[:, -1], 0.0))
-    return np.clip(std, *_MEAN_DEPTHS)
 
 
 def mean_pose_errors(evidence):

@@ -306,18 +306,13 @@ def initial_diagnostics(prediction: PredictionData) -> InitialDiagnostics:
     energy, noise = kinetic_moments(scene, start, initial, 1)
     least, _ = kinetic_moments(scene, start, initial, 0)
     if samples is not None and math.isfinite(samples):
-        noise[scene.moving] += mass[scene.moving] * _fall_stds(scene, initial)
+        fall = np.einsum(  # variances of positions along gravity, times its square
+            "i,mij,j->m", scene.gravity, initial.blocks[:, ERR_POSITION, ERR_POSITION], scene.gravity
+        )
+        noise[scene.moving] += mass[scene.moving] * np.sqrt(np.maximum(fall, 0.0))
         energy += _NOISE * noise / math.sqrt(samples)
         least -= _NOISE * noise / math.sqrt(samples)
     return start._replace(energy=held + energy, least_energy=least)
-
-
-def _fall_stds(scene, belief):
-    """Return the standard deviations of positions along gravity, times gravity: (M,) [m^2/s^2]."""
-    variance = np.einsum(
-        "i,mij,j->m", scene.gravity, belief.blocks[:, ERR_POSITION, ERR_POSITION], scene.gravity
-    )
-    return np.sqrt(np.maximum(variance, 0.0))
 
 
 def _found(prediction):

@@ -146,7 +146,8 @@ class PredictedBody:
         """Return states ``[p, v, q, omega]`` of the body (count, 13), drawn as in `Prediction.samples`."""
         states = self._prediction.samples(count, time=self.time)[:, [self._body]]
         if self.origin == "model":
-            states = moved_along(states, self._model_origin()[None, None])
+            origin = np.array(self._prediction.scene.bodies[self._body].model.origin)
+            states = moved_along(states, origin[None, None])
         return states[:, 0]
 
     @property
@@ -167,10 +168,6 @@ class PredictedBody:
         if self.origin == "center_of_mass":
             return self._snapshot.belief
         return self._snapshot.at_model_origins(self._prediction.scene)
-
-    def _model_origin(self):
-        """(3,): the model's origin in the body frame [m]."""
-        return np.array(self._prediction.scene.bodies[self._body].model.origin)
 
     def _about_fixed_axes(self):
         """State (13,), covariance (12, 12) about fixed axes, and the pose's share (36,) of it."""

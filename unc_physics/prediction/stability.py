@@ -167,7 +167,8 @@ def _near(states, later, distance, angle):
 
 def _margins(scene, belief, b, settled_by):
     """Return the names of the supports, and the margins of the centre of mass [m] and of a tilt [rad]."""
-    certain = replace(scene, bodies=[_certain(one) for one in scene.bodies])
+    no_stds = {"mass_std": 0.0, "center_of_mass_std": (0.0, 0.0, 0.0)}
+    certain = replace(scene, bodies=[replace(one, **no_stds) for one in scene.bodies])
     exact = Belief.trusted(belief.mean, np.zeros_like(belief.covariance), belief.moving)
     propagator: Any = make_propagator(REFERENCE, samples=1)
     start = constrain_belief(certain, exact)
@@ -193,11 +194,6 @@ def _margins(scene, belief, b, settled_by):
     slope = math.acos(min(1.0, float(normals.mean(axis=0) @ up / np.linalg.norm(normals.mean(axis=0)))))
     slide = min(math.atan(own["friction"]) for own in materials) - slope
     return supports, shift, max(0.0, min(tip, slide))
-
-
-def _certain(body):
-    """Return a body without uncertain parameters."""
-    return replace(body, mass_std=0.0, center_of_mass_std=(0.0, 0.0, 0.0))
 
 
 def _tipping(arms, up):

@@ -53,8 +53,8 @@ def as_dict(
     for found, body, start, other in zip(result["bodies"], scene.bodies, starts, at_origins, strict=True):
         del start["name"]
         found |= {"at_rest": body.at_rest, "model_origin": {key: other[key] for key in keys}, "start": start}
-    for k, modes in enumerate(_modes(prediction)):
-        if len(modes) > 1:
+    for k in range(len(scene.bodies)):
+        if len(modes := prediction.at().modes(scene, k)) > 1:
             result["bodies"][k]["modes"] = [
                 {"probability": mode.weight, **_values(mode.mean, mode.covariance)} for mode in modes
             ]
@@ -67,12 +67,6 @@ def as_dict(
             for time, belief in zip(prediction.times, prediction.beliefs, strict=True)
         ]
     return result
-
-
-def _modes(prediction):
-    """Return the modes of each body at the horizon."""
-    scene, last = prediction.scene, prediction.at()
-    return [last.modes(scene, k) for k in range(len(scene.bodies))]
 
 
 def _bodies(scene, belief):

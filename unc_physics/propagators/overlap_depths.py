@@ -28,19 +28,14 @@ def overlaps(scene: Scene, states: np.ndarray, *, among_moving: bool = True) -> 
     fixed bodies counts.
     """
     if scene.integrator == "implicit":
-        return _exact(scene, states, among_moving), np.zeros(states.shape[:2])
+        depths = depths_of_pairs(scene, states)
+        if not among_moving:
+            depths[:, scene.moving[:, None], scene.moving] = 0.0
+        return depths.max(axis=2), np.zeros(states.shape[:2])
     depth, work = np.zeros((*states.shape[:2], 1)), np.zeros(states.shape[:2])
     _add_overlaps(_nudged(scene, states), scene.world, scene.world.environment, among_moving, depth, work)
     assert scene.stiffness is not None  # chosen when a prediction begins
     return depth[:, :, 0], scene.stiffness * work
-
-
-def _exact(scene, states, among_moving):
-    """Return `overlaps` of exact shapes: depths (N, B)."""
-    depths = depths_of_pairs(scene, states)
-    if not among_moving:
-        depths[:, scene.moving[:, None], scene.moving] = 0.0
-    return depths.max(axis=2)
 
 
 def pair_overlaps(scene: Scene, states: np.ndarray) -> np.ndarray:

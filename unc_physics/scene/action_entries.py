@@ -51,9 +51,9 @@ def read_wrenches(entries, place) -> list[Wrench]:
     """Return the wrenches that a list describes."""
     if not isinstance(entries, list):
         raise InvalidRequestError("must be a list", field=place, value=entries)
-    return [_wrench(entry, f"{place}[{k}]") for k, entry in enumerate(entries)]
-
-
-def _wrench(content, field):
-    check_keys(content, _WRENCH_KEYS, field)
-    return at_field(field, Wrench, **{key: value for key, value in content.items() if value is not None})
+    found = []
+    for k, entry in enumerate(entries):
+        check_keys(entry, _WRENCH_KEYS, f"{place}[{k}]")
+        given = {key: value for key, value in entry.items() if value is not None}
+        found.append(at_field(f"{place}[{k}]", Wrench, **given))
+    return found

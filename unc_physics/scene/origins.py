@@ -57,7 +57,10 @@ def gaussian_at_origins(belief: Belief, origins: np.ndarray) -> Belief:
         mean[b, VELOCITY] = belief.mean[b, VELOCITY] + shift[ERR_VELOCITY]
     if belief.independent:
         return Belief.trusted(mean, blocks, moving)
-    return Belief.trusted(mean, _with_blocks(_mapped(belief.joint, maps), blocks), moving)
+    C, own = _mapped(belief.joint, maps), np.arange(len(moving))
+    parts = C.reshape(len(moving), ERROR, len(moving), ERROR)
+    parts[own, :, own, :] = blocks
+    return Belief.trusted(mean, parts.reshape(C.shape), moving)
 
 
 def states_at_origins(belief: Belief, states: np.ndarray, origins: np.ndarray) -> Belief:
@@ -128,7 +131,8 @@ def _gaussian_body(state, P, origin):
     spread, basis = np.linalg.eigh(P[ERR_ROTATION, ERR_ROTATION])
     kept = spread > _CERTAIN * max(float(spread[-1]), 1e-300)
     roots, basis = np.sqrt(spread[kept]), basis[:, kept]
-    z, weights = _nodes(float(roots.max(initial=0.0)), len(roots))
+    largest = roots.max(initial=0.0)
+    z, weights = _rule(next(count for limit, count in _RULES if largest <= limit), len(roots))
     turns = (z * roots) @ basis.T
     inverse = (basis / spread[kept]) @ basis.T
     slope = P[np.ix_(_OTHERS, np.arange(ERROR)[ERR_ROTATION])] @ inverse
@@ -162,13 +166,9 @@ def _gaussian_body(state, P, origin):
     return middle, 0.5 * (C + C.T), A
 
 
-def _nodes(largest, axes):
-    """Return points (K, axes) and weights (K,) of the standard normal distribution."""
-    return _rule(next(count for limit, count in _RULES if largest <= limit), axes)
-
-
 @functools.lru_cache(maxsize=16)
 def _rule(count, axes):
+    """Return points (K, axes) and weights (K,) of the standard normal distribution."""
     x, w = np.polynomial.hermite_e.hermegauss(count)
     w = w / w.sum()
     grid = np.array([*itertools.product(x, repeat=axes)]).reshape(count**axes, axes)
@@ -199,14 +199,6 @@ def _mapped(C, maps):
     count = len(maps)
     C = np.einsum("mab,mbnc->manc", maps, C.reshape(count, ERROR, count, ERROR))
     return np.einsum("manb,ncb->manc", C, maps).reshape(ERROR * count, ERROR * count)
-
-
-def _with_blocks(C, blocks):
-    """Return a joint covariance with its diagonal blocks (M, 12, 12) replaced."""
-    count = len(blocks)
-    C = C.reshape(count, ERROR, count, ERROR)
-    C[np.arange(count), :, np.arange(count), :] = blocks
-    return C.reshape(ERROR * count, ERROR * count)
 
 
 def _added(moment, difference):
