@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -121,7 +121,8 @@ class Propagator(ABC):
     @classmethod
     def described_options(cls) -> tuple[Option, ...]:
         """Return the options, with their types, limits and meaning."""
-        return tuple(Option.of(member) for member in fields(cls) if "description" in member.metadata)
+        found = ((one.name, one.metadata.get("option")) for one in fields(cls))
+        return tuple(replace(option, name=name) for name, option in found if option is not None)
 
     @classmethod
     def options(cls) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import Field, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..checks.errors import InvalidOptionError, LimitExceededError
@@ -13,37 +13,24 @@ _KINDS = {int: "an integer", float: "a number", bool: "true or false", str: "a t
 _TRUTHS = {"true": True, "false": False}
 
 
-def option(
-    default: Any,
-    description: str,
-    *,
-    choices: tuple[str, ...] = (),
-    low: float | None = None,
-    high: float | None = None,
-    positive: bool = False,
-) -> Any:
-    """Return a dataclass field of a propagator that is an option.
+@dataclass(frozen=True)
+class Option:
+    """One option of a propagator.
 
-    Parameters
+    Attributes
     ----------
+    name : str
     default : int, float, bool or str
         Its type is the type of the option.
     description : str
         A few words without a full stop.
     choices : tuple of str
         All values of a text with few values.
-    low, high : number
+    low, high : number, optional
         Limits of a number, inclusive.
     positive : bool
         Whether a number must be above 0.
     """
-    meta = {"description": description, "choices": choices, "low": low, "high": high, "positive": positive}
-    return field(default=default, metadata=meta)
-
-
-@dataclass(frozen=True)
-class Option:
-    """One option of a propagator; the attributes are those of `option`."""
 
     name: str
     default: Any
@@ -52,11 +39,6 @@ class Option:
     low: float | None = None
     high: float | None = None
     positive: bool = False
-
-    @classmethod
-    def of(cls, member: Field) -> Option:
-        """Return the option of a dataclass field."""
-        return cls(member.name, member.default, **member.metadata)
 
     @property
     def kind(self) -> type:
@@ -93,3 +75,8 @@ class Option:
         """Return its description, choices and default in one line."""
         takes = f" ({' or '.join(self.choices)})" if self.choices else ""
         return f"{self.description}{takes}; default {self.default}"
+
+
+def option(default: Any, description: str, **limits: Any) -> Any:
+    """Return a dataclass field of a propagator that is an option, with these attributes of `Option`."""
+    return field(default=default, metadata={"option": Option("", default, description, **limits)})
