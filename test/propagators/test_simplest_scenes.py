@@ -136,13 +136,7 @@ def flown(count):
     units = np.diag(np.tile(np.repeat([3.0, 2.0, 1.0, 1.5], 3) * STD, count))
     ranks = range(13) if count == 1 else (1, 2, 5, 12, 24)
     found = {f"rank {r}": units @ rng.standard_normal((size, r)) / np.sqrt(max(r, 1)) for r in ranks}
-    for name, part in {
-        "position": P,
-        "velocity": V,
-        "rotation": TH,
-        "spin": W,
-        "motion": slice(0, 6),
-    }.items():
+    for name, part in BLOCKS.items():
         block = np.eye(12)[:, part]
         uneven = STD * block @ np.triu(rng.uniform(0.5, 2.0, (block.shape[1], block.shape[1])))
         if count == 1:
@@ -230,40 +224,29 @@ def bouncing(names, restitution):
         ]
     )
     roots = {name: 0.3 * root for name, root in flown(len(bodies)).items()}
-    return Case(scene, mean, bounced(mean, restitution), roots, (0.1, 0.5), BOUNCE, CONTACT)
+    return Case(scene, mean, bounced(scene, mean, restitution), roots, (0.1, 0.5), BOUNCE, CONTACT)
 
 
-def bounced(mean, restitution):
+def bounced(scene, mean, restitution):
     """Return the closed form of a bounce: an error of the height delays it, and its speed is another one."""
+    fly = flight(scene, mean)
 
     def closed_form(time):
-        end, blocks = mean.copy(), []
-        for x, own in zip(mean, end, strict=True):
-            A = np.eye(12)
-            A[P, V] = time * np.eye(3)
-            turn = Rotation.from_rotvec(time * x[10:])
-            shares = (np.arange(200)[:, None] + 0.5) / 200
-            A[TH, W] = (
-                time * turn.as_matrix().T @ Rotation.from_rotvec(shares * time * x[10:]).as_matrix().mean(0)
-            )
-            own[:3] += time * x[3:6]
-            own[6:10] = (turn * Rotation.from_quat(x[6:10])).as_quat()
+        end, A = fly(time)
+        for k, (x, own) in enumerate(zip(mean, end, strict=True)):
             height, speed = x[2] - BALL.bounding_radius, x[5]
             closing = np.sqrt(speed**2 + 2.0 * G * height)
-            hit = (speed + closing) / G
-            own[2], own[5] = own[2] - 0.5 * G * time**2, speed - G * time
-            if time > hit:
-                left = time - hit
+            left = time - (speed + closing) / G
+            if left > 0.0:
                 rebound = restitution * closing
                 own[2] = BALL.bounding_radius + rebound * left - 0.5 * G * left**2
                 own[5] = rebound - G * left
                 # by an error of height, and of the speed
                 d_closing = np.array([G, speed]) / closing
                 d_hit = np.array([1.0 / closing, (1.0 + speed / closing) / G])
-                A[5, [2, 5]] = restitution * d_closing + G * d_hit
-                A[2, [2, 5]] = restitution * d_closing * left - own[5] * d_hit
-            blocks.append(A)
-        return end, block_diag(*blocks)
+                A[12 * k + 5, 12 * k + np.array([2, 5])] = restitution * d_closing + G * d_hit
+                A[12 * k + 2, 12 * k + np.array([2, 5])] = restitution * d_closing * left - own[5] * d_hit
+        return end, A
 
     return closed_form
 
