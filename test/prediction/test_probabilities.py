@@ -29,7 +29,6 @@ from unc_physics.cli.predict_command import probabilities_as_table
 from unc_physics.prediction.snapshot import ContactTime, Probability
 from unc_physics.scene.scene_file import scene_from_dict
 
-FAR = 50.0  # m
 TOUCH = Touches("left", "right")
 HERE = BoxRegion("here", (1.0, 1.0, 1.0))
 

@@ -42,7 +42,6 @@ BOX = load_model("salt_box").prefix(20)
 SCENE = Scene.everyday(
     [RigidBody("box", BOX)], exact=True, environment=[Plane(offset=TABLE, name="floor"), SHELF]
 )
-STANDARD_ERRORS = 4.0
 
 
 def held(offset, std=0.02):

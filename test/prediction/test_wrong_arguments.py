@@ -21,7 +21,6 @@ from unc_physics import (
 from unc_physics.scene.scene_file import scene_from_dict
 
 SCENE, BELIEF, _ = scene_from_dict(two_bodies())
-MODEL = SCENE.bodies[0].model
 ARRAY = np.zeros((2, 13))
 PREDICTION = predict(SCENE, BELIEF, "sigma_points", 0.1)
 

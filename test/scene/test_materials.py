@@ -17,7 +17,6 @@ from unc_physics.scene.contact_world import variation
 from unc_physics.scene.material_table import MATERIALS
 from unc_physics.scene.scene_file import scene_from_dict
 
-NAN = float("nan")
 ROUND = [(shape, {"radius": 1, "length": 1}) for shape in (Cylinder, Capsule)]
 FLOOR = {"plane": {"normal": [0, 0, 1], "offset": -3.0}}
 
