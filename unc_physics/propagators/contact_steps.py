@@ -168,7 +168,8 @@ class NominalWithBlocks(Propagator):
         if scene.integrator == "explicit":
             return super().advance_through(carry, scene, marks)
         found, method = [], self.contact_method()
-        at, begun = tuple(carry[:-1]), carry.step
+        at: tuple = carry[:-1]
+        begun = carry.step
         for mark in marks:
             steps = [whole(step, scene.dt) for step in range(begun + 1, mark.steps + 1)]
             for first in range(0, len(steps), _AT_ONCE):
@@ -176,7 +177,7 @@ class NominalWithBlocks(Propagator):
                 at = _through(some, at, method, scene, begun, self.turns)
                 begun += len(some)
             end = _through([mark], at, method, scene, begun, self.turns) if mark.rest > 0.0 else at
-            found.append(BlocksCarry(*end, mark.fraction_of(scene.dt)))
+            found.append(BlocksCarry(end[0], end[1], end[2], mark.fraction_of(scene.dt)))
         return found
 
 

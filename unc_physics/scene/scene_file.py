@@ -7,7 +7,7 @@ import functools
 import os
 import re
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -280,8 +280,8 @@ def _element(content, field):
     try:
         return ELEMENTS[kind](**given)
     except UncPhysicsError as caught:
-        beside = caught.field.partition("[")[0] in _ELEMENT_KEYS
-        raise caught.at(f"{field if beside else place}.{caught.field}") from caught
+        key = caught.field or ""
+        raise caught.at(f"{field if key.partition('[')[0] in _ELEMENT_KEYS else place}.{key}") from caught
 
 
 def _body(content, field, models_dir, folder):
@@ -304,13 +304,13 @@ def _body(content, field, models_dir, folder):
         model = at_field(
             field, load_shape, content["model"], spheres, content.get("scale"), models_dir, folder
         )
-    given = {key: content[key] for key in _RIGID_KEYS if key in content}
+    given: dict[str, Any] = {key: content[key] for key in _RIGID_KEYS if key in content}
     given |= {"model": model, "trajectory": trajectory}
     given["wrenches"] = read_wrenches(content.get("wrenches", []), f"{field}.wrenches")
     try:
         body = RigidBody(**given)
     except UncPhysicsError as error:
-        place = error.field.replace(f" of body '{content['name']}'", "")
+        place = (error.field or "").replace(f" of body '{content['name']}'", "")
         raise error.at(f"{field}.{place}") from error
     belief = belief.at_center_of_mass(model.origin)
     state = belief.state if trajectory is None else trajectory.states[0]
