@@ -124,7 +124,7 @@ class BlocksCarry(NamedTuple):
     mean: np.ndarray  # (B, 13): the nominal rollout
     blocks: np.ndarray  # (M, 12, 12): covariances, or roots of them
     contact_history: ContactHistory  # what the rollout remembers of its contacts
-    step: int  # how many are done
+    step: float  # how many are done; a fraction after a shorter one
 
 
 class NominalWithBlocks(Propagator):
