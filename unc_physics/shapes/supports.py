@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 
 from .distance import even_directions
-from .linear_programme import minimum
 from .solid_mesh import unique_rows, winding_number
 from .triangle_tree import nearest_on_mesh
 
@@ -506,6 +505,8 @@ class _SphereFit:
 
     def solve(self, center, place, rows, limits, equal, equal_to, features, trust):
         """Return centre, radius and merit of the best sphere by the linear programme at a point, or None."""
+        from scipy.optimize import Bounds, LinearConstraint, milp
+
         planes, values = [], []
         for foot, normal, within in features:
             if normal is None:
@@ -526,8 +527,9 @@ class _SphereFit:
         cost = np.array([0.0, 0.0, 0.0, -1.0, *[_GAP_PENALTY] * (soft - 1), _PLACE_PENALTY])
         low = np.array([*(center - trust), *[0.0] * (1 + soft)])
         high = np.array([*(center + trust), LARGEST * self.size, *[np.inf] * soft])
-        found = minimum(cost, a, b, low, high)
-        return None if found is None else (found[0][:3], found[0][3], -found[1])
+        # a linear programme has no integers; `linprog` spends more time on checks
+        found = milp(cost, constraints=LinearConstraint(a, -np.inf, b), bounds=Bounds(low, high))
+        return None if found.x is None else (found.x[:3], found.x[3], -found.fun)
 
     def polished(self, center, radius, rows, limits, equal, equal_to):
         """Return the sphere (4,) moved onto its faces to round-off, within bounds; None if too small."""
