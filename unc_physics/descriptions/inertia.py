@@ -17,6 +17,17 @@ _DIRECTIONS = 200  # in which the spread of mass is compared with the shape
 _LOW, _HIGH = 0.1, 3.0
 
 
+def combined(masses, centers, inertias) -> tuple[np.ndarray, np.ndarray]:
+    """Return the centre of mass (3,) of bodies with masses (n,), and their inertia (3, 3) about it.
+
+    ``inertias`` (n, 3, 3) are about the bodies' own ``centers`` (n, 3) of mass [m].
+    """
+    center = np.asarray(masses) @ centers / np.sum(masses)
+    arms = np.asarray(centers) - center
+    squares = (arms.T * masses) @ arms
+    return center, np.sum(inertias, axis=0) + np.trace(squares) * np.eye(3) - squares
+
+
 def check_moments(inertia: np.ndarray) -> None:
     """Raise `InvalidModelError` if a matrix (3, 3) is no inertia tensor; the message names the moment.
 

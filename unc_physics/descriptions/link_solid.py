@@ -18,7 +18,7 @@ from ..shapes.packing import pack_solid
 from ..shapes.packing_file import HULL, SpherePacking, spheres_reach
 from ..shapes.pieces import Hull, Piece
 from ..shapes.solid_mesh import SolidMesh, make_solid
-from .inertia import check_inside, check_moments, unusual_inertia
+from .inertia import check_inside, check_moments, combined, unusual_inertia
 from .parts import SOLIDS, Description, Link
 from .reading import read_description
 from .shape_solid import shape_solid
@@ -241,12 +241,8 @@ def _by_density(shapes, parts, density):
     given = [density if shape.density is None else shape.density for shape in shapes]
     masses = np.array([d * part.properties.volume for d, part in zip(given, parts, strict=True)])
     shares = masses / masses.sum()
-    centers = np.array([part.properties.center for part in parts])
-    center = shares @ centers
-    inertia = np.zeros((3, 3))
-    for share, part in zip(shares, parts, strict=True):
-        arm = part.properties.center - center
-        inertia += share * (part.properties.inertia + arm @ arm * np.eye(3) - np.outer(arm, arm))
+    own = [share * part.properties.inertia for share, part in zip(shares, parts, strict=True)]
+    center, inertia = combined(shares, [part.properties.center for part in parts], own)
     volume = sum(part.properties.volume for part in parts)
     return float(masses.sum()), MassProperties(volume, center, inertia)
 

@@ -11,7 +11,8 @@ import numpy as np
 from ..checks.errors import InvalidRequestError
 from ..checks.names import hint
 from ..checks.validation import number
-from .parts import Description, Inertial, Link, Shape, read_xml
+from .inertia import combined
+from .parts import Description, Inertial, Link, Shape, matrix_of_quaternion, read_xml, transform
 
 _GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, the default of MuJoCo
 #: Parts of a model that have no counterpart: the count's attribute and a name.
@@ -45,9 +46,7 @@ def read_mjcf(path: Path, configuration: Mapping[str, float] | None = None) -> D
     """
     mujoco = import_module("mujoco")
     place = f"description {path}"
-    _, root = read_xml(path)
-    if root.tag != "mujoco":
-        raise InvalidRequestError("is no MJCF: its root is not <mujoco>", field=place, value=root.tag)
+    read_xml(path, "mujoco")
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except Exception as error:  # noqa: BLE001 - MuJoCo raises errors of several types
@@ -69,7 +68,7 @@ class _CompiledModel:
         model, data = self.model, self.mujoco.MjData(self.model)
         self.set_joints(data, configuration)
         self.mujoco.mj_kinematics(model, data)
-        poses = [_transform(p, R) for p, R in zip(data.xpos, data.xmat, strict=True)]
+        poses = [transform(p, R) for p, R in zip(data.xpos, data.xmat, strict=True)]
         roots = self.free_roots()
         links = []
         for body in range(model.nbody):
@@ -137,16 +136,15 @@ class _CompiledModel:
         """Return the common mass properties of bodies, in the frame of their link."""
         model = self.model
         frames = [
-            to_link @ poses[k] @ _transform(model.body_ipos[k], _matrix(model.body_iquat[k])) for k in members
+            to_link @ poses[k] @ transform(model.body_ipos[k], _matrix(model.body_iquat[k])) for k in members
         ]
         masses = model.body_mass[members]
-        center = masses @ np.array([T[:3, 3] for T in frames]) / masses.sum()
-        inertia = np.zeros((3, 3))
-        for k, T, mass in zip(members, frames, masses, strict=True):
-            arm = T[:3, 3] - center
-            inertia += T[:3, :3] @ np.diag(model.body_inertia[k]) @ T[:3, :3].T
-            inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-        return Inertial(float(masses.sum()), _transform(center, np.eye(3)), inertia)
+        own = [
+            T[:3, :3] @ np.diag(model.body_inertia[k]) @ T[:3, :3].T
+            for k, T in zip(members, frames, strict=True)
+        ]
+        center, inertia = combined(masses, [T[:3, 3] for T in frames], own)
+        return Inertial(float(masses.sum()), transform(center, np.eye(3)), inertia)
 
     def shapes(self, body, pose):
         """Return the shapes of a body's geoms that collide, or of all its geoms if none does."""
@@ -159,7 +157,7 @@ class _CompiledModel:
         """Return the shape of a geom, in the frame of its link."""
         model = self.model
         kind = self.mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
-        pose = pose @ _transform(model.geom_pos[geom], _matrix(model.geom_quat[geom]))
+        pose = pose @ transform(model.geom_pos[geom], _matrix(model.geom_quat[geom]))
         a, b, c = (float(x) for x in model.geom_size[geom])
         sizes = {
             "plane": (0.0, 0.0, 1.0),
@@ -181,12 +179,4 @@ class _CompiledModel:
 
 def _matrix(q):
     """Return the rotation matrix of MuJoCo's quaternion (w, x, y, z)."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_quat(np.roll(q, -1)).as_matrix()
-
-
-def _transform(position, rotation):
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.reshape(rotation, (3, 3)), position
-    return T
+    return matrix_of_quaternion(np.roll(q, -1), "quaternion")

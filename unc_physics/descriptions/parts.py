@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,6 +17,17 @@ from ..checks.shown import counted
 #: Kinds of shapes that can be packed, and kinds that are elements of an environment.
 SOLIDS = ("box", "sphere", "cylinder", "capsule", "ellipsoid", "cone", "mesh")
 PRIMITIVES = ("plane", "box", "sphere", "cylinder", "capsule")
+#: Formats by the root of their files.
+FORMATS = {"robot": "URDF", "sdf": "SDF", "mujoco": "MJCF"}
+#: Keys of sizes in a URDF or SDF, and how many numbers each has.
+_ROUND = (("radius", 1), ("length", 1))
+_SIZES = {
+    "box": (("size", 3),),
+    "sphere": _ROUND[:1],
+    "ellipsoid": (("radii", 3),),
+    "plane": (("normal", 3),),
+}
+_SIZES |= dict.fromkeys(("cylinder", "capsule", "cone"), _ROUND)
 
 _BYTES = 50_000_000  # largest size of a file
 #: Environment variables with folders of packages and models.
@@ -123,8 +135,8 @@ class Description:
     notes: tuple[str, ...] = ()
 
 
-def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
-    """Return text and root of an XML file, which must not define entities.
+def read_xml(path: Path, tag: str | None = None) -> ElementTree.Element:
+    """Return the root of an XML file, which must not define entities; its tag is one of `FORMATS` if given.
 
     Raises
     ------
@@ -148,9 +160,28 @@ def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
             "is a xacro file; make a URDF of it first: xacro FILE.xacro > FILE.urdf", field=place
         )
     try:
-        return text, ElementTree.fromstring(text)
+        root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, RecursionError) as error:
         raise InvalidRequestError(f"is no XML: {error}", field=place) from None
+    if tag is not None and root.tag != tag:
+        raise InvalidRequestError(
+            f"is no {FORMATS[tag]}: its root is not <{tag}>", field=place, value=root.tag
+        )
+    return root
+
+
+def primitive_shape(kind: str, pose: np.ndarray, text_of: Callable[[str], str], **about) -> Shape:
+    """Return a shape with sizes in a file; ``text_of`` returns the text of a key."""
+    size = [read_numbers(text_of(key), count, f"{kind}/{key}") for key, count in _SIZES.get(kind, ())]
+    return Shape(kind, pose, tuple(np.concatenate([np.zeros(0), *size]).tolist()), **about)
+
+
+def mesh_shape(pose: np.ndarray, uri: str, base: Path, scale: str, problem: str = "", **about) -> Shape:
+    """Return the shape of a mesh with a URI and the text of a scale; a URI that is not found is a problem."""
+    file = referred(uri, base)
+    factors = np.ones(3) * read_numbers(scale or "1", 1 if len(scale.split()) < 2 else 3, "mesh/scale")
+    problem = problem or ("" if file else f"the mesh {uri} is not found")
+    return Shape("mesh", pose, file=file, scale=factors, problem=problem, **about)
 
 
 def referred(uri: str, base: Path) -> Path | None:
@@ -192,27 +223,17 @@ def read_numbers(text: str, count: int, field: str) -> np.ndarray:
     return values
 
 
-def read_mass(text: str) -> float:
-    """Return a mass from a text [kg]; raise `InvalidRequestError` unless it is positive."""
-    mass = float(read_numbers(text, 1, "mass")[0])
-    if mass <= 0.0:
-        raise InvalidRequestError("must be positive", field="mass", value=text)
-    return mass
-
-
-def transform(position, rotation=None) -> np.ndarray:
-    """Return a transform (4, 4) of a position (3,) and a rotation of SciPy."""
+def transform(position, rotation) -> np.ndarray:
+    """Return a transform (4, 4) of a position (3,) and a rotation matrix (3, 3) or (9,)."""
     T = np.eye(4)
-    T[:3, 3] = position
-    if rotation is not None:
-        T[:3, :3] = rotation.as_matrix()
+    T[:3, 3], T[:3, :3] = position, np.reshape(rotation, (3, 3))
     return T
 
 
-def rotation_of_quaternion(q, field):
-    """Return the rotation of a quaternion (x, y, z, w); raise `InvalidRequestError` if it is zero."""
+def matrix_of_quaternion(q, field) -> np.ndarray:
+    """Return the matrix of a quaternion (x, y, z, w); raise `InvalidRequestError` if it is zero."""
     from scipy.spatial.transform import Rotation
 
     if not np.linalg.norm(q) > 0.0:
         raise InvalidRequestError("must not be zero", field=field, value=" ".join(f"{x:g}" for x in q))
-    return Rotation.from_quat(q)
+    return Rotation.from_quat(q).as_matrix()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..checks.errors import InvalidRequestError, NotSupportedError
 from .mjcf import read_mjcf
-from .parts import Description, read_xml
+from .parts import FORMATS, Description, read_xml
 from .sdf import read_sdf
 from .urdf import read_urdf
 
@@ -56,8 +56,8 @@ def read_description(path, configuration=None) -> Description:
         )
     suffix = path.suffix.lower()
     if suffix in XML:
-        root = read_xml(path)[1].tag
-        suffix = {"robot": URDF, "sdf": SDF, "mujoco": MJCF}.get(root, XML)[0]
+        root = read_xml(path).tag
+        suffix = f".{FORMATS.get(root, 'xml').lower()}"
         if suffix in XML:
             raise InvalidRequestError(
                 "must have the root <robot> (URDF), <sdf> or <mujoco> (MJCF)",

@@ -13,24 +13,15 @@ from .parts import (
     Inertial,
     Link,
     Shape,
-    read_mass,
+    matrix_of_quaternion,
+    mesh_shape,
+    primitive_shape,
     read_numbers,
     read_xml,
-    referred,
-    rotation_of_quaternion,
     transform,
 )
 from .sdf_includes import DEPTH, FOLDER, expand_includes
 
-_SIZES = {
-    "box": (("size", 3),),
-    "sphere": (("radius", 1),),
-    "cylinder": (("radius", 1), ("length", 1)),
-    "capsule": (("radius", 1), ("length", 1)),
-    "cone": (("radius", 1), ("length", 1)),
-    "ellipsoid": (("radii", 3),),
-    "plane": (("normal", 3),),
-}
 _MASS, _DENSITY = 1.0, 1000.0  # kg and kg/m^3, the defaults of SDF
 _GRAVITY = (0.0, 0.0, -9.8)  # m/s^2, the default of SDF
 _NEAR = 0.02  # m/s^2, by which gravity may differ without a note
@@ -42,11 +33,7 @@ def read_sdf(path: Path) -> Description:
     Links of non-static models are free bodies unless a joint holds them.
     """
     reader = _Reader()
-    _, root = read_xml(path)
-    if root.tag != "sdf":
-        raise InvalidRequestError(
-            "is no SDF: its root is not <sdf>", field=f"description {path}", value=root.tag
-        )
+    root = read_xml(path, "sdf")
     for scope in [*root.findall("world"), root]:
         reader.left_out += expand_includes(scope, path.parent)
         reader.read_scope(scope, np.eye(4), "", path.parent, False, 0, ())
@@ -183,10 +170,10 @@ def read_pose(entry) -> np.ndarray:
     text = " ".join((entry.text or "").split())
     if entry.get("rotation_format") == "quat_xyzw":
         values = read_numbers(text or "0 0 0 0 0 0 1", 7, "pose")
-        return transform(values[:3], rotation_of_quaternion(values[3:], "pose"))
+        return transform(values[:3], matrix_of_quaternion(values[3:], "pose"))
     values = read_numbers(text or "0 0 0 0 0 0", 6, "pose")
     degrees = entry.get("degrees") in ("true", "1")
-    return transform(values[:3], Rotation.from_euler("xyz", values[3:], degrees=degrees))
+    return transform(values[:3], Rotation.from_euler("xyz", values[3:], degrees=degrees).as_matrix())
 
 
 def _shape(entry, base, link_pose, frames):
@@ -206,19 +193,12 @@ def _shape(entry, base, link_pose, frames):
         "density": _positive(entry, "density"),
     }
     if kind == "mesh":
-        uri = _text(kinds[0], "uri")
-        file = referred(uri, base)
-        problem = "" if file else f"the mesh {uri} is not found"
-        if kinds[0].find("submesh") is not None:
-            problem = "names a part of a mesh"
-        scale = _numbers(kinds[0], "scale", 3) if _text(kinds[0], "scale") else np.ones(3)
-        convex = kinds[0].get("optimization") == "convex_hull"
-        return Shape(kind, pose, file=file, scale=scale, convex=convex, problem=problem, **about)
-    size: list[float] = []
-    for key, count in _SIZES.get(kind, ()):
-        default = "0 0 1" if key == "normal" else ""
-        size += read_numbers(_text(kinds[0], key) or default, count, f"{kind}/{key}").tolist()
-    return Shape(kind, pose, tuple(size), **about)
+        problem = "" if kinds[0].find("submesh") is None else "names a part of a mesh"
+        about["convex"] = kinds[0].get("optimization") == "convex_hull"
+        return mesh_shape(pose, _text(kinds[0], "uri"), base, _text(kinds[0], "scale"), problem, **about)
+    return primitive_shape(
+        kind, pose, lambda key: _text(kinds[0], key) or "0 0 1" * (key == "normal"), **about
+    )
 
 
 def _inertial(entry):
@@ -227,7 +207,7 @@ def _inertial(entry):
         return Inertial(_MASS), [
             f"has no <inertial>: mass {_MASS:g} kg, as SDF says, and the inertia of its shape"
         ]
-    mass = read_mass(_text(entry, "mass")) if entry.find("mass") is not None else None
+    mass = _positive(entry, "mass")
     if entry.get("auto") in ("true", "1"):
         given = [tag for tag in ("pose", "inertia") if entry.find(tag) is not None]
         ignored = f"<{'> and <'.join(given)}> of <inertial auto='true'>: ignored, as SDF says"
@@ -264,8 +244,7 @@ def _numbers(entry, tag, count):
 
 
 def _maybe(entry, tag):
-    text = _text(entry, tag)
-    return float(read_numbers(text, 1, tag)[0]) if text else None
+    return float(_numbers(entry, tag, 1)[0]) if _text(entry, tag) else None
 
 
 def _positive(entry, tag):

@@ -63,7 +63,7 @@ def _included(uri, base, depth):
         found = _model_file(found)
     if found is None or not found.is_file():
         return None, base, "is not found"
-    _, root = read_xml(found)
+    root = read_xml(found)
     model = root.find("model") if root.tag == "sdf" else None
     return model, found.parent, "is no SDF with a model"
 
@@ -72,7 +72,7 @@ def _model_file(folder):
     """Return the file of a folder with a model: the newest one that ``model.config`` names."""
     config = folder / "model.config"
     if config.is_file():
-        _, root = read_xml(config)
+        root = read_xml(config)
         files = [(entry.get("version", ""), (entry.text or "").strip()) for entry in root.findall("sdf")]
         ordered = sorted(files, key=lambda item: [int(x) for x in item[0].split(".") if x.isdigit()])
         if ordered and (folder / ordered[-1][1]).is_file():

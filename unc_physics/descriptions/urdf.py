@@ -18,19 +18,15 @@ from .parts import (
     Inertial,
     Link,
     Shape,
+    matrix_of_quaternion,
+    mesh_shape,
+    primitive_shape,
     read_numbers,
     read_xml,
-    referred,
-    rotation_of_quaternion,
     transform,
 )
 
-_SIZES = {
-    "box": (("size", 3),),
-    "cylinder": (("radius", 1), ("length", 1)),
-    "capsule": (("radius", 1), ("length", 1)),
-    "sphere": (("radius", 1),),
-}
+_KINDS = "box", "cylinder", "capsule", "sphere", "mesh"
 _MOMENTS = ("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz")
 
 
@@ -43,10 +39,7 @@ def load_robot(path: Path):
     """
     import yourdfpy
 
-    _, root = read_xml(path)
-    place = f"description {path}"
-    if root.tag != "robot":
-        raise InvalidRequestError("is no URDF: its root is not <robot>", field=place, value=root.tag)
+    root, place = read_xml(path, "robot"), f"description {path}"
     if root.find("link") is None:
         raise InvalidRequestError("has no links", field=place)
     names = [link.get("name") for link in root.findall("link")]
@@ -128,7 +121,7 @@ def _shapes(entries, base):
     known, unknown = [], []
     for entry in entries:
         kinds = [shape.tag for shape in entry.findall("geometry/*")]
-        if len(kinds) == 1 and (kinds[0] in _SIZES or kinds[0] == "mesh"):
+        if len(kinds) == 1 and kinds[0] in _KINDS:
             known.append(_shape(entry, base))
         else:
             unknown.append(" and ".join(kinds) or "no shape")
@@ -175,17 +168,8 @@ def _shape(entry, base):
     pose = _pose(entry.find("origin"), "origin")
     shape = entry.find("geometry/*")
     if shape.tag == "mesh":
-        uri = shape.get("filename") or ""
-        file = referred(uri, base)
-        text = shape.get("scale") or "1 1 1"
-        count = 1 if len(text.split()) == 1 else 3
-        scale = np.ones(3) * read_numbers(text, count, "mesh/scale")
-        problem = "" if file else f"the mesh {uri} is not found"
-        return Shape("mesh", pose, file=file, scale=scale, problem=problem)
-    size: list[float] = []
-    for key, count in _SIZES[shape.tag]:
-        size += read_numbers(shape.get(key) or "", count, f"{shape.tag}/{key}").tolist()
-    return Shape(shape.tag, pose, tuple(size))
+        return mesh_shape(pose, shape.get("filename") or "", base, shape.get("scale") or "")
+    return primitive_shape(shape.tag, pose, lambda key: shape.get(key) or "")
 
 
 def _inertial(entry):
@@ -217,9 +201,9 @@ def _pose(origin, field):
     text = origin.get("quat_xyzw")
     if text is None:
         angles = read_numbers(origin.get("rpy") or "0 0 0", 3, f"{field} rpy")
-        return transform(position, Rotation.from_euler("xyz", angles))
+        return transform(position, Rotation.from_euler("xyz", angles).as_matrix())
     if origin.get("rpy") is not None:
         raise InvalidRequestError(
             "must be absent beside quat_xyzw", field=f"{field} rpy", value=origin.get("rpy")
         )
-    return transform(position, rotation_of_quaternion(read_numbers(text, 4, f"{field} quat_xyzw"), field))
+    return transform(position, matrix_of_quaternion(read_numbers(text, 4, f"{field} quat_xyzw"), field))
