@@ -9,7 +9,7 @@ from unc_physics.shapes import surface_gap as module
 from unc_physics.shapes.solid_mesh import make_solid
 from unc_physics.shapes.sphere_grid import nearest_sphere
 from unc_physics.shapes.surface_gap import surface_gap
-from unc_physics.shapes.triangle_tree import build_triangle_tree, nearest_on_mesh
+from unc_physics.shapes.triangle_tree import build_triangle_tree, nearest_on_mesh, winding_numbers
 
 ROUND_OFF = 1e-13
 
@@ -20,6 +20,24 @@ def brute_distances(corners, points):
     triangles = np.broadcast_to(corners, (len(points), *corners.shape)).reshape(-1, 3, 3)
     nearest = trimesh.triangles.closest_point(np.ascontiguousarray(triangles), pairs)
     return np.linalg.norm(nearest - pairs, axis=1).reshape(len(points), len(corners)).min(axis=1)
+
+
+def solid_angles(corners, points):
+    """Winding numbers about points as sums of solid angles (Van Oosterom and Strackee 1983)."""
+    arms = corners[None] - points[:, None, None]
+    a, b, c = np.moveaxis(arms, 2, 0)
+    la, lb, lc = np.moveaxis(np.linalg.norm(arms, axis=3), 2, 0)
+    along = la * lb * lc + (a * b).sum(axis=2) * lc + (b * c).sum(axis=2) * la + (c * a).sum(axis=2) * lb
+    return np.arctan2(np.linalg.det(arms), along).sum(axis=1) / (2.0 * np.pi)
+
+
+def test_winding_numbers(any_solid):
+    """Also about points in cavities, beside corners and on lines through corners."""
+    corners, rng = any_solid.corners, np.random.default_rng(2)
+    points = rng.uniform(-1.2, 1.2, (200, 3)) * any_solid.bounding_radius
+    points = np.concatenate([points, 0.999 * corners[:50, 0], corners[:50].mean(axis=1) * (1.0 - 1e-7)])
+    found = winding_numbers(build_triangle_tree(corners), points)
+    np.testing.assert_allclose(found, solid_angles(corners, points), atol=1e-6)
 
 
 def test_distance_to_the_mesh(any_solid):

@@ -7,13 +7,13 @@ import pytest
 import trimesh
 from example_meshes import MESHES
 from scipy.optimize import brentq
-from test_distance import brute_distances
+from test_distance import brute_distances, solid_angles
 
 from unc_physics.checks.errors import InvalidOptionError, InvalidRequestError
 from unc_physics.shapes.distance import even_directions
 from unc_physics.shapes.packing import pack_solid
 from unc_physics.shapes.quality import extent_losses
-from unc_physics.shapes.solid_mesh import make_solid, winding_number
+from unc_physics.shapes.solid_mesh import make_solid
 from unc_physics.shapes.supports import few_corners
 
 TOUCH = 1e-12  # of the bounding radius: what overlap and protrusion may come to
@@ -31,7 +31,7 @@ def assert_is_packing(packing, solid):
     touch = TOUCH * solid.bounding_radius
     assert overlap(packing) <= touch
     assert np.max(packing.radii - brute_distances(solid.corners, packing.centers)) <= touch
-    np.testing.assert_allclose(winding_number(solid.corners, packing.centers), 1.0, atol=1e-9)
+    np.testing.assert_allclose(solid_angles(solid.corners, packing.centers), 1.0, atol=1e-9)
     largest_first = packing.radii[packing.radii.argmax() :]  # what comes before gives the extent
     smallest_before = np.minimum.accumulate(largest_first)[:-1]
     assert np.mean(largest_first[1:] > 1.01 * smallest_before) <= 0.001

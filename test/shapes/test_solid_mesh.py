@@ -9,7 +9,7 @@ from example_meshes import MESHES, ball, joined, moved, raw, turned_inside_out
 
 from unc_physics.checks.errors import InvalidMeshError
 from unc_physics.shapes.primitives import primitive
-from unc_physics.shapes.solid_mesh import load_solid, make_solid, mesh_notes, winding_number
+from unc_physics.shapes.solid_mesh import load_solid, make_solid, mesh_notes
 
 ROUND_OFF = 1e-12
 
@@ -190,12 +190,6 @@ def test_a_needle_too_thin_for_its_inertia_is_refused():
     turned = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
     with pytest.raises(InvalidMeshError, match="too thin for its size"):
         make_solid("needle", *raw(trimesh.creation.box([1.0, 1e-5, 1e-5], transform=turned)))
-
-
-def test_winding_number():
-    vertices, faces = MESHES["ball in a cavity"]()
-    probes = np.array([[0.0, 0, 0], [0.45, 0, 0], [0.8, 0, 0], [2.0, 0, 0]])
-    np.testing.assert_allclose(winding_number(vertices[faces], probes), [1.0, 0.0, 1.0, 0.0], atol=ROUND_OFF)
 
 
 def bent(turns):

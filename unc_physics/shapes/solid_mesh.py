@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import math
 import os
 import re
 from dataclasses import dataclass, replace
@@ -18,10 +17,8 @@ import numpy as np
 from ..checks.errors import InvalidMeshError, InvalidModelError, UncPhysicsError
 from ..checks.memory import require_memory
 from ..checks.shown import counted
-from ..compiler import kernel
-from ..spatial.rotation import cross
-from ..spatial.vectors import dot, minus, triple
 from .packing_file import check_inertia
+from .triangle_tree import build_triangle_tree, winding_numbers
 
 _BYTES_PER_BYTE = 30.0  # of memory, for each of a mesh's file
 #: Formats that state their unit; trimesh reads it.
@@ -29,7 +26,7 @@ _WITH_UNIT = {".3mf": "millimeter", ".dae": "meter", ".glb": "meter", ".gltf": "
 _TURN = "where z is up, turn the body by orientation: [0.7071068, 0, 0, 0.7071068]"
 _ARCHIVES = {"bz2", "gz", "tar.bz2", "tar.gz", "zip"}  # that trimesh unpacks, however much is in them
 FLAT = 1e-12  # of the cube of the size: less volume than this is none
-_PROBES, _PROBE_WORK = (40, 200), 2e7  # points on a surface, and points times triangles, that crossings cost
+_PROBES = 200  # points on a surface, or in a box, whose winding numbers are looked at
 _BELOW = 1e-9  # of the size, below the surface or above it
 _FACES = 24  # of a component, at which it is checked what is around it
 _UNITES = "(a repair unites the parts with trimesh.boolean.union)"
@@ -228,8 +225,7 @@ def make_solid(name, vertices, faces, sha256=None) -> SolidMesh:
     faces = same[faces.reshape(-1, 3)]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     check_closed(faces)
-    check_outside_out(points, faces)
-    check_crossings(points, faces)
+    check_components(points, faces)
     check_overlaps(points, faces)
     properties = trimesh.triangles.mass_properties(points[faces], density=1.0)
     inertia = np.asarray(properties.inertia) / properties.volume
@@ -291,16 +287,14 @@ def check_closed(faces):
         )
 
 
-def check_outside_out(points, faces):
-    """Raise `InvalidMeshError` if a surface is flat or inside out, or components overlap or are inside out.
+def check_components(points, faces):
+    """Raise `InvalidMeshError` if a surface is flat, or it or a component is inside out or crosses itself.
 
-    ``points`` are normalized to a size between 1 and 2.
+    A component may be inside another one only as a cavity. On the inner side of its own surface a solid winds
+    once around each point, and a cavity never. ``points`` are normalized to a size between 1 and 2.
     """
-    label = components(faces, len(points))
-    signed = (
-        np.einsum("ij,ij->i", points[faces[:, 0]], np.cross(points[faces[:, 1]], points[faces[:, 2]])) / 6.0
-    )
-    volumes = np.bincount(label, weights=signed)
+    label, corners = components(faces, len(points)), points[faces]
+    volumes = np.bincount(label, weights=np.linalg.det(corners) / 6.0)
     volume = volumes.sum()
     if abs(volume) < FLAT and np.all(np.abs(volumes) < FLAT):
         raise InvalidMeshError("encloses no volume")
@@ -309,55 +303,31 @@ def check_outside_out(points, faces):
             "is inside out: its volume is negative, as its triangles are wound clockwise "
             "(a repair turns them with trimesh.repair.fix_inversion)"
         )
-    if len(volumes) == 1:
-        return
-    corner = points[faces]
-    low = np.full((len(volumes), 3), np.inf)
-    high = np.full((len(volumes), 3), -np.inf)
-    np.minimum.at(low, label, corner.min(axis=1))
-    np.maximum.at(high, label, corner.max(axis=1))
+    whole = build_triangle_tree(corners)
     for k in np.flatnonzero(np.abs(volumes) > FLAT):
-        own = corner[label == k]
-        own = own[np.linspace(0, len(own) - 1, min(len(own), _FACES)).astype(int)]
+        own = corners[label == k]
+        tree = whole if len(own) == len(corners) else build_triangle_tree(own)
         normals = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
-        # beside the surface, on its convex side: on a face that components share the number is not defined
-        away = np.sign(volumes[k]) * _BELOW * normals
-        probes = own.mean(axis=1) + away / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-        inside = np.zeros(len(probes))
-        for other in np.flatnonzero(np.all((low <= high[k]) & (high >= low[k]), axis=1)):
-            if other != k:
-                inside += winding_number(corner[label == other], probes)
-        if volumes[k] < 0.0 and np.median(inside) < 0.75:
-            raise InvalidMeshError(
-                f"has a component ({np.sum(label == k)} of {len(faces)} triangles) that is inside "
-                "out and no cavity of another (a repair turns it with trimesh.repair.fix_inversion)"
-            )
-        if volumes[k] > 0.0 and inside.min() > 0.75:
-            raise InvalidMeshError(
-                f"has a component ({np.sum(label == k)} of {len(faces)} triangles) inside another, "
-                "so that its volume would count twice (unite them first; a cavity is wound the "
-                "other way round)"
-            )
-
-
-def check_crossings(points, faces):
-    """Raise `InvalidMeshError` if a component passes through itself: its volume counts twice or not at all.
-
-    On the inner side of its surface a solid winds once around each point, and a cavity never. ``points`` are
-    normalized to a size between 1 and 2.
-    """
-    label = components(faces, len(points))
-    for k in range(label.max() + 1):
-        corners = points[faces[label == k]]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         areas = np.linalg.norm(normals, axis=1)
-        volume = np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0
-        if abs(volume) < FLAT:
-            continue
-        count = int(np.clip(_PROBE_WORK / len(corners), *_PROBES))
-        chosen = np.searchsorted(np.cumsum(areas) / areas.sum(), (np.arange(count) + 0.5) / count)
-        inner = corners[chosen].mean(axis=1) - _BELOW * normals[chosen] / areas[chosen, None]
-        share = float(np.mean(np.abs(winding_number(corners, inner) - (volume > 0.0)) > 0.5))
+        middles, below = own.mean(axis=1), _BELOW * normals / np.maximum(areas, 1e-300)[:, None]
+        some = np.linspace(0, len(own) - 1, min(len(own), _FACES)).astype(int)
+        # beside the surface, on its convex side: on a face that components share the number is not defined
+        probes = (middles + np.sign(volumes[k]) * below)[some]
+        others = winding_numbers(whole, probes) - winding_numbers(tree, probes)
+        name = f"has a component ({len(own)} of {len(faces)} triangles)"
+        if volumes[k] < 0.0 and np.median(others) < 0.75:
+            raise InvalidMeshError(
+                f"{name} that is inside out and no cavity of another (a repair turns it with"
+                " trimesh.repair.fix_inversion)"
+            )
+        if volumes[k] > 0.0 and others.min() > 0.75:
+            raise InvalidMeshError(
+                f"{name} inside another, so that its volume would count twice (unite them first; a cavity is"
+                " wound the other way round)"
+            )
+        chosen = np.searchsorted(np.cumsum(areas) / areas.sum(), (np.arange(_PROBES) + 0.5) / _PROBES)
+        inner = winding_numbers(tree, (middles - below)[chosen])
+        share = float(np.mean(inner != (volumes[k] > 0.0)))
         if share > _CROSSED:
             raise InvalidMeshError(
                 f"passes through itself: about {share:.0%} of its surface lies inside it, or inside out,"
@@ -371,27 +341,18 @@ def check_overlaps(points, faces):
     Everywhere the components together wind once around a point, or never. ``points`` are normalized to a size
     between 1 and 2.
     """
-    label = components(faces, len(points))
-    parts = [points[faces[label == k]] for k in range(label.max() + 1)]
+    label, corners = components(faces, len(points)), points[faces]
+    parts = [corners[label == k] for k in range(label.max() + 1)]
     low, high = (np.array([f(part, axis=(0, 1)) for part in parts]) for f in (np.min, np.max))
-    volume = (
-        np.einsum("ij,ij->", points[faces[:, 0]], np.cross(points[faces[:, 1]], points[faces[:, 2]])) / 6.0
-    )
+    volume, tree = np.linalg.det(corners).sum() / 6.0, build_triangle_tree(corners)
     twice, rng = 0.0, np.random.default_rng(0)
-    for k, part in enumerate(parts):
+    for k in range(len(parts)):
         for j in range(k):
             corner = np.maximum(low[j], low[k])
             size = np.maximum(np.minimum(high[j], high[k]) - corner, 0.0)
-            if size.prod() < _LITTLE * volume:
-                continue
-            count = int(np.clip(_PROBE_WORK / (len(part) + len(parts[j])), *_PROBES))
-            probes = corner + size * rng.random((count, 3))
-            total = np.zeros(count)
-            for other in range(len(parts)):
-                within = np.all((low[other] <= probes) & (probes <= high[other]), axis=1)
-                if within.any():
-                    total[within] += winding_number(parts[other], probes[within])
-            twice += size.prod() * float(np.mean(np.abs(total - 0.5) > 1.0))
+            if size.prod() > _LITTLE * volume:
+                total = winding_numbers(tree, corner + size * rng.random((_PROBES, 3)))
+                twice += size.prod() * float(np.mean((total < 0) | (total > 1)))
     if twice > _TWICE * volume:
         raise InvalidMeshError(
             f"has parts that overlap: about {twice / volume:.0%} of its volume counts twice {_UNITES}"
@@ -423,24 +384,6 @@ def unique_rows(rows):
     number = np.empty(len(rows), np.int64)
     number[order] = np.cumsum(new) - 1
     return ordered[new], number
-
-
-@kernel
-def winding_number(corners, probes):
-    """Return the winding numbers of a closed surface about some points.
-
-    They are sums of solid angles (Van Oosterom and Strackee 1983).
-    """
-    total = np.zeros(len(probes))
-    for i in range(len(probes)):
-        probe = triple(probes[i], 0)
-        for k in range(len(corners)):
-            a, b = minus(triple(corners[k, 0], 0), probe), minus(triple(corners[k, 1], 0), probe)
-            c = minus(triple(corners[k, 2], 0), probe)
-            la, lb, lc = math.sqrt(dot(a, a)), math.sqrt(dot(b, b)), math.sqrt(dot(c, c))
-            along = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
-            total[i] += math.atan2(dot(a, cross(b, c)), along) / (2.0 * math.pi)
-    return total
 
 
 def _check_triangles(vertices, faces):
@@ -494,7 +437,7 @@ def _with_united_parts(mesh, did):
     parts = mesh.split(only_watertight=False)
     apart: Any = trimesh.util.concatenate(parts)  # parts that share an edge have vertices of their own
     try:
-        check_outside_out(apart.vertices, apart.faces)
+        check_components(apart.vertices, apart.faces)
         check_overlaps(apart.vertices, apart.faces)
     except InvalidMeshError as error:
         if _UNITES not in error.problem or find_spec("manifold3d") is None:

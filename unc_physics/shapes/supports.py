@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .distance import even_directions
-from .solid_mesh import unique_rows, winding_number
-from .triangle_tree import nearest_on_mesh
+from .solid_mesh import unique_rows
+from .triangle_tree import nearest_on_mesh, winding_number
 
 # Shares of the hull's size:
 RECESS = 0.003  # how far other spheres stay below the narrow faces on which a body rolls
@@ -452,7 +452,7 @@ class _SphereFit:
                 norm = np.linalg.norm(way)
                 if norm > 0.0:
                     point = np.array(q) + depth * REACH * self.size * way / norm
-                    if winding_number(self.corners, point[None])[0] > 0.5 and self.distance(point) > 0.0:
+                    if winding_number(self.tree, *point) > 0 and self.distance(point) > 0.0:
                         return point
         return None
 

@@ -14,12 +14,10 @@ from .columns import CORNERS_FROM, FIRST_FACE, HULL, KIND, LAST_FACE, ROUNDING
 from .distance import POLYTOPE, identity_frame, least_gap
 from .piece_mesh import piece_mesh
 from .pieces import Hull, Piece, piece_arrays
-from .triangle_tree import LEAF_SIZE, build_triangle_tree, nearest_on_mesh
+from .triangle_tree import build_triangle_tree, nearest_on_mesh, winding_number
 
 _POINT = 1e-12  # radius of a ball that stands for a point [m]
 _ROUND_OFF = 1e-9  # share of the extent by which a point on a surface may be inside
-#: Direction of the rays whose crossings say what is inside; it lies in no plane of symmetry of usual meshes.
-_RAY = 0.5406, 0.3127, 0.7810
 
 
 class SurfaceError(NamedTuple):
@@ -96,11 +94,7 @@ def distances_of_points(pieces: Sequence[Piece], points: np.ndarray) -> np.ndarr
 
 def distances_outside(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return distances (n,) of points (n, 3) from a closed mesh; 0 inside it [m]."""
-    # a tree fills its leaves with copies, which would cross rays twice: triangles without area do not
-    full = LEAF_SIZE << max(0, math.ceil(math.log2(len(corners) / LEAF_SIZE)))
-    padding = np.broadcast_to(corners[0, 0], (full - len(corners), 3, 3))
-    tree = build_triangle_tree(np.concatenate([corners, padding]))
-    return _outside(tree, np.ascontiguousarray(points), *_RAY)
+    return _outside(build_triangle_tree(corners), np.ascontiguousarray(points))
 
 
 @kernel
@@ -140,51 +134,11 @@ def _height_above_faces(piece, rows, point):
 
 
 @kernel
-def _outside(tree, points, u, v, w):
-    """Return the distance of each point from a mesh, or 0 if a ray (u, v, w) leaves the mesh once more."""
+def _outside(tree, points):
+    """Return the distance of each point from a mesh, or 0 inside."""
     found = np.zeros(len(points))
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
-        if _crossings(tree, x, y, z, u, v, w) % 2 == 0:
+        if winding_number(tree, x, y, z) < 1:
             found[k] = nearest_on_mesh(tree, x, y, z, math.inf)[0]
     return found
-
-
-@kernel
-def _crossings(tree, x, y, z, u, v, w):
-    """Return how often a ray from a point crosses a mesh (Moeller and Trumbore 1997)."""
-    boxes, triangles = tree.boxes, tree.triangles
-    nodes = np.empty(64, np.int64)
-    nodes[0], top, count = 1, 1, 0
-    while top > 0:
-        top -= 1
-        node = nodes[top]
-        near, far = 0.0, math.inf
-        for axis, (start, step) in enumerate(((x, u), (y, v), (z, w))):
-            near = max(near, (boxes[node, axis] - start) / step)
-            far = min(far, (boxes[node, axis + 3] - start) / step)
-        if near > far:
-            continue
-        if node < tree.first_leaf:
-            nodes[top], nodes[top + 1] = 2 * node, 2 * node + 1
-            top += 2
-            continue
-        first = (node - tree.first_leaf) * tree.leaf_size
-        for k in range(first, first + tree.leaf_size):
-            count += _crosses(triangles[k], x, y, z, u, v, w)
-    return count
-
-
-@kernel
-def _crosses(t, x, y, z, u, v, w):
-    """Return whether a ray crosses a triangle's record."""
-    hx, hy, hz = v * t[11] - w * t[10], w * t[9] - u * t[11], u * t[10] - v * t[9]
-    size = t[6] * hx + t[7] * hy + t[8] * hz
-    if size == 0.0:
-        return False
-    sx, sy, sz = x - t[0], y - t[1], z - t[2]
-    a = (sx * hx + sy * hy + sz * hz) / size
-    qx, qy, qz = sy * t[8] - sz * t[7], sz * t[6] - sx * t[8], sx * t[7] - sy * t[6]
-    b = (u * qx + v * qy + w * qz) / size
-    along = (t[9] * qx + t[10] * qy + t[11] * qz) / size
-    return a >= 0.0 and b >= 0.0 and a + b <= 1.0 and along > 0.0
