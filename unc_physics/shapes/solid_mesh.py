@@ -343,6 +343,8 @@ def check_overlaps(points, faces):
     """
     label, corners = components(faces, len(points)), points[faces]
     parts = [corners[label == k] for k in range(label.max() + 1)]
+    if len(parts) == 1:
+        return
     low, high = (np.array([f(part, axis=(0, 1)) for part in parts]) for f in (np.min, np.max))
     volume, tree = np.linalg.det(corners).sum() / 6.0, build_triangle_tree(corners)
     twice, rng = 0.0, np.random.default_rng(0)
