@@ -1,10 +1,9 @@
-"""Contacts of two bodies: they support a body as its outline does."""
+"""Contacts of pieces: they support a body as its outline does. Seams and stacks: test/physics."""
 
 import math
 
 import numpy as np
 import pytest
-from body_manifold import MOST_OF_BODIES, manifold_of_bodies
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pieces_at_random import distance_of_pieces
@@ -12,9 +11,13 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from unc_physics import load_model
-from unc_physics.shapes.columns import GAP, NORMAL, POINT
-from unc_physics.shapes.manifold import MOST_OF_PIECES
-from unc_physics.shapes.pieces import HalfSpace, Lathe, ball, box, capsule, cylinder, piece_arrays
+from unc_physics.compiler import kernel
+from unc_physics.compiler.arrays import empty
+from unc_physics.shapes.columns import CONTACT, GAP, HALF_SPACE, KIND, NORMAL, POINT, POLYGON, POSITION
+from unc_physics.shapes.manifold import MOST_OF_PIECES, contacts_of_pieces
+from unc_physics.shapes.pieces import HalfSpace, Lathe, box, capsule, cylinder, piece_arrays
+from unc_physics.shapes.support import center, unit
+from unc_physics.spatial.vectors import minus, plus, triple
 
 FAR = 1e-3
 FLOOR = [HalfSpace()]
@@ -30,13 +33,32 @@ def yaw(angle):
     return Rotation.from_euler("z", angle).as_matrix()
 
 
+@kernel
+def contacts_of_all(frames, pieces, rows, first, far, lean):
+    """Contacts (n, CONTACT) of all pairs of two bodies' pieces, with normals from the first body."""
+    out, work, polygons = empty((256, CONTACT)), empty((12, 3)), empty((3, POLYGON, 3))
+    base, end = triple(frames[0], POSITION), 0
+    for i in range(first[0], first[1]):
+        for j in range(first[1], first[2]):
+            a, b, side = (j, i, -1.0) if pieces[j, KIND] == HALF_SPACE else (i, j, 1.0)
+            away = minus(center(b, base, frames, pieces), center(a, base, frames, pieces))
+            n = unit(plus(away, (0.0, 0.0, 1e-12)))
+            load = lean[0], lean[1], lean[2]
+            found, _, _ = contacts_of_pieces(
+                a, b, n, False, far, load, base, frames, pieces, rows, work, polygons, out, end
+            )
+            for k in range(end, end + found):
+                for c in range(NORMAL, NORMAL + 3):
+                    out[k, c] *= side
+            end += found
+    return out[:end].copy()
+
+
 def contacts(a, frame_a, b, frame_b, lean=(1.0, 0.0, 0.0), far=FAR):
     """Points (n, 3) in world axes, gaps and normals of contacts."""
     arrays = piece_arrays([a, b])
-    rows, _ = manifold_of_bodies(
-        np.array([frame_a, frame_b]), arrays.pieces, arrays.rows, arrays.first, far, np.asarray(lean, float)
-    )
-    assert len(rows) <= MOST_OF_BODIES
+    frames, lean = np.array([frame_a, frame_b]), np.asarray(lean, float)
+    rows = contacts_of_all(frames, arrays.pieces, arrays.rows, arrays.first, far, lean)
     return rows[:, POINT : POINT + 3] + frame_a[:3], rows[:, GAP], rows[:, NORMAL : NORMAL + 3]
 
 
@@ -156,34 +178,6 @@ def clipped(polygon, half):
                     kept.append(q)
             polygon = np.array(kept)
     return polygon
-
-
-def test_a_seam_of_two_boxes_has_no_edge():
-    """A ball that sinks a little, or a box's edge over the seam, touches the flat top alone."""
-    halves = [box((0.2, 0.4, 0.1), (side * 0.1, 0.0, -0.05)) for side in (-1.0, 1.0)]
-    for x in np.linspace(-0.01, 0.01, 21):
-        for body, height in (
-            ([ball(0.02)], 0.02),
-            ([box((0.04, 0.04, 0.04))], 0.02),
-            ([cylinder(0.02, 0.04)], 0.02),
-        ):
-            for depth in (-1e-4, 0.0, 2e-5, 8e-5):
-                _, _, normals = contacts(halves, frame(), body, frame((x, 0.0, height - depth)))
-                assert len(normals) and normals[:, 2].min() > 1.0 - 1e-9
-
-
-def test_a_bowl_in_a_bowl_is_supported_all_around():
-    bowl = load_model("bowl")
-    low, high = 0.0, 0.05
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        found = distance_of_pieces(bowl.pieces, frame(), bowl.pieces, frame((0.0, 0.0, middle)))
-        low, high = (low, middle) if found.distance > 0.0 else (middle, high)
-    points, _, normals = contacts(bowl.pieces, frame(), bowl.pieces, frame((0.0, 0.0, high)), far=2e-4)
-    assert 8 <= len(points) <= MOST_OF_BODIES
-    azimuth = np.sort(np.arctan2(points[:, 1], points[:, 0]))
-    assert np.diff(azimuth, append=azimuth[0] + 2.0 * np.pi).max() < np.pi / 2.0
-    assert normals[:, 2].min() > 0.0  # all of them lift
 
 
 @given(seed=st.integers(0, 2**32 - 1))
