@@ -96,27 +96,19 @@ class SpherePacking:
     pieces_error: np.ndarray | None = None
 
     def __post_init__(self):
-        for field, shape in _ARRAYS.items():
+        for field, (shape, _) in _FIELDS.items():
             if getattr(self, field) is not None:
-                self._set(field, _array(field, getattr(self, field), shape))
-        for field in _SCALARS:
-            if getattr(self, field) is not None:
-                self._set(field, float(_array(field, getattr(self, field), ())))
+                value = _array(field, getattr(self, field), shape)
+                if field in _POSITIVE and not value > 0.0:
+                    raise InvalidModelError("must be positive", field=field, value=float(value))
+                if field in _NOT_NEGATIVE and np.any(value < 0.0):
+                    raise InvalidModelError("must not be negative", field=field, value=value.tolist())
+                self._set(field, value if shape else float(value))
         _check_spheres(self.centers, self.radii)
-        check_inertia(self.inertia, spheres_reach(self.centers, self.radii))
-        for field in ("volume", "bounding_radius", "mass"):
-            value = getattr(self, field)
-            if value is not None and not value > 0.0:
-                raise InvalidModelError("must be positive", field=field, value=value)
-        if self.surface_gap is not None and self.surface_gap < 0.0:
-            raise InvalidModelError("must not be negative", field="surface_gap", value=self.surface_gap)
-        if self.pieces_error is not None and np.any(self.pieces_error < 0.0):
-            raise InvalidModelError(
-                "must not be negative", field="pieces_error", value=self.pieces_error.tolist()
-            )
+        reach = spheres_reach(self.centers, self.radii)
+        check_inertia(self.inertia, reach)
         self._check_measures()
         self._check_pieces()
-        reach = spheres_reach(self.centers, self.radii)
         if reach > self.bounding_radius * (1.0 + ROUND_OFF):
             raise InvalidModelError(
                 f"is less than the spheres' reach from the centre of mass, {reach}",
@@ -148,17 +140,12 @@ class SpherePacking:
             raise InvalidModelError(
                 "must be positive integers, ascending", field="measured_spheres", value=lengths.tolist()
             )
-        losses = self.extent_losses
-        if losses is None:
-            return
-        if len(losses) != len(lengths):
+        if self.extent_losses is not None and len(self.extent_losses) != len(lengths):
             raise InvalidModelError(
                 f"must have as many entries as measured_spheres, {len(lengths)}",
                 field="extent_losses",
-                value=losses.shape,
+                value=self.extent_losses.shape,
             )
-        if np.any(losses < 0.0):
-            raise InvalidModelError("must not be negative", field="extent_losses", value=float(losses.min()))
 
     def _set(self, field, value):
         object.__setattr__(self, field, value)
@@ -217,13 +204,12 @@ class SpherePacking:
         return self if k == len(self) else self._first(k)
 
     def _first(self, k):
-        measured = {}
-        if self.measured_spheres is not None:
-            known = int(np.sum(self.measured_spheres <= k))
-            for field in _MEASURES:
-                values = getattr(self, field)
-                measured[field] = None if values is None else values[:known]
-        return replace(self, centers=self.centers[:k], radii=self.radii[:k], surface_gap=None, **measured)
+        known = int(np.sum(self.measured_spheres <= k)) if self.measured_spheres is not None else 0
+        parts = {"centers": k, "radii": k, "measured_spheres": known, "extent_losses": known}
+        first = {
+            field: value[:n] for field, n in parts.items() if (value := getattr(self, field)) is not None
+        }
+        return replace(self, surface_gap=None, **first)
 
     def scaled(self, s: float) -> SpherePacking:
         """Return the packing with all lengths multiplied by s; its default mass, if any, keeps the density.
@@ -242,8 +228,8 @@ class SpherePacking:
             return self
         scaled = {
             field: value * scale**power
-            for field, power in _POWERS.items()
-            if (value := getattr(self, field)) is not None
+            for field, (_, power) in _FIELDS.items()
+            if (value := getattr(self, field)) is not None and power > 0
         }
         if not self.has_only_spheres:
             scaled["pieces"] = tuple(piece.scaled(scale) for piece in self.pieces)
@@ -251,20 +237,23 @@ class SpherePacking:
 
 
 _VERSION = "format_version"
-_MEASURES = ("measured_spheres", "extent_losses")
-_LENGTHS = ("centers", "radii", "origin", "bounding_radius", "bounds", "surface_gap", "pieces_error")
-#: Powers of a length by which fields scale.
-_POWERS = dict.fromkeys((*_LENGTHS, *_MEASURES[1:]), 1) | {"inertia": 2, "volume": 3, "mass": 3}
-_ARRAYS: dict[str, tuple[int | None, ...]] = {
-    "centers": (None, 3),
-    "radii": (None,),
-    "inertia": (3, 3),
-    "origin": (3,),
-    "bounds": (2, 3),
-    "pieces_error": (4,),
-    **{field: (None,) for field in _MEASURES},
+#: Fields of numbers: shape, of which None is any length, and the power of a length by which it scales.
+_FIELDS: dict[str, tuple[tuple[int | None, ...], int]] = {
+    "centers": ((None, 3), 1),
+    "radii": ((None,), 1),
+    "inertia": ((3, 3), 2),
+    "volume": ((), 3),
+    "origin": ((3,), 1),
+    "bounding_radius": ((), 1),
+    "mass": ((), 3),
+    "bounds": ((2, 3), 1),
+    "surface_gap": ((), 1),
+    "measured_spheres": ((None,), 0),
+    "extent_losses": ((None,), 1),
+    "pieces_error": ((4,), 1),
 }
-_SCALARS = ("volume", "bounding_radius", "mass", "surface_gap")
+_POSITIVE = ("volume", "bounding_radius", "mass")
+_NOT_NEGATIVE = ("surface_gap", "extent_losses", "pieces_error")
 _TEXTS = ("name", "mesh_sha256", "source", "licence", "pieces_kind")
 #: Most spheres of a file, and most characters of a text in it: a small file may say that it holds terabytes.
 SPHERES_LIMIT, _TEXT_LIMIT = 10_000_000, 100_000
@@ -354,8 +343,7 @@ def _check_sizes(archive, path):
 
 def _completed(values):
     """Return the fields of a file, with missing ones computed from the spheres."""
-    centers = _array("centers", values["centers"], _ARRAYS["centers"])
-    radii = _array("radii", values["radii"], _ARRAYS["radii"])
+    centers, radii = (_array(field, values[field], _FIELDS[field][0]) for field in ("centers", "radii"))
     _check_spheres(centers, radii)
     values = dict(values)
     values.setdefault("origin", np.zeros(3))
