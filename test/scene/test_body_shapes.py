@@ -1,6 +1,7 @@
 """Bodies of simple shapes in scene files: a ball is exact, others are packed once."""
 
 import json
+import pickle
 
 import jsonschema
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from unc_physics import UncPhysicsError, primitive_model
 from unc_physics.cli.schema_command import schema_text
+from unc_physics.prediction.answer_store import fingerprint
 from unc_physics.scene.scene_file import scene_from_dict
 from unc_physics.shapes import packing, primitive_models
 
@@ -63,6 +65,10 @@ def test_other_shapes_are_packed_once(kind, sizes, volume, inertia, few_spheres)
     model = scene_from_dict(scene(shape={kind: sizes})).scene.bodies[0].model
     assert model.volume == pytest.approx(volume, rel=1e-12)
     assert model.inertia[0, 0] == pytest.approx(inertia, rel=1e-12)
+    other = pickle.loads(pickle.dumps(model.named("crate")))
+    assert (
+        other.name == "crate" and len(fingerprint(other)) == 32 and fingerprint(other) != fingerprint(model)
+    )
     assert not few_spheres, "nothing asks for spheres"
     assert len(model.centers) and len(few_spheres) == 1
     primitive_models._packed.cache_clear()  # as in another process

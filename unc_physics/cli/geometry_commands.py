@@ -379,8 +379,6 @@ def error_text(error) -> str:
 
 def _pack(solid, name, count, threads, output, **about):
     """Pack with a progress bar, write the file, and print a summary."""
-    from dataclasses import replace
-
     from tqdm import tqdm
 
     from ..shapes.packing import pack_solid
@@ -394,8 +392,7 @@ def _pack(solid, name, count, threads, output, **about):
 
         packing = pack_solid(
             solid, count, threads=threads, progress=None if bar.disable else progress, **about
-        )
-        packing = replace(packing, name=name)
+        ).named(name)
     with writing(output, "--output"):
         save_packing(output, packing)
     print(table([packing], [name]))

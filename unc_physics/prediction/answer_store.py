@@ -17,6 +17,7 @@ import numpy as np
 from .. import __version__
 from ..checks.errors import InvalidRequestError, NotSupportedError, OutputError
 from ..scene.scene import Scene
+from ..shapes.primitive_models import PrimitiveModel
 from ..spatial.layout import ANGULAR_VELOCITY, ERROR, POSITION, QUATERNION, VELOCITY
 
 _SHARD_TIME = 10.0  # s, of answers in a file, at most: so many are lost when the process is killed
@@ -180,7 +181,7 @@ def _add(value, digest):
         digest.update(f"{value.shape}{value.dtype}".encode() + value.tobytes())
     elif isinstance(value, Scene):
         digest.update(_of_scene(value))
-    elif is_dataclass(value):
+    elif is_dataclass(value) and not isinstance(value, PrimitiveModel):  # whose fields would be packed
         digest.update(type(value).__name__.encode())
         for field in fields(value):
             _add(getattr(value, field.name), digest)

@@ -148,7 +148,7 @@ class ModelLibrary:
 
     def add_box(self, name: str, size: tuple[float, float, float]) -> None:
         """Add a box with edges [m] as a model, whose origin is its middle."""
-        self._boxes[name] = replace(primitive_model("box", size=size), name=name)
+        self._boxes[name] = primitive_model("box", size=size).named(name)
 
     def add(self, name: str, path: Path) -> None:
         """Add a model file; it replaces one of the same name."""

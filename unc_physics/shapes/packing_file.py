@@ -211,6 +211,10 @@ class SpherePacking:
         }
         return replace(self, surface_gap=None, **first)
 
+    def named(self, name: str) -> SpherePacking:
+        """Return the packing with another name."""
+        return replace(self, name=name)
+
     def scaled(self, s: float) -> SpherePacking:
         """Return the packing with all lengths multiplied by s; its default mass, if any, keeps the density.
 

@@ -71,7 +71,7 @@ def primitive_model(shape: str, **size) -> SpherePacking:
             lengths.append(positive(value, place, InvalidModelError))
             if lengths[-1] > FARTHEST:
                 raise InvalidModelError(f"must be at most {FARTHEST:g} m", field=place, value=value)
-    return ball(lengths[0]) if shape == "sphere" else _primitive(shape, tuple(lengths), SPHERES)
+    return ball(lengths[0]) if shape == "sphere" else _primitive(shape, tuple(lengths), SPHERES, shape)
 
 
 def primitive_pieces(shape: str, lengths: Sequence[float]) -> tuple[Hull | Lathe, ...]:
@@ -99,25 +99,31 @@ def ball(radius: float) -> SpherePacking:
 class PrimitiveModel(SpherePacking):
     """Model of a box, cylinder or capsule, whose spheres are packed when something first asks for them.
 
-    `dataclasses.replace` asks for them.
+    So does `dataclasses.replace`, which returns a `SpherePacking`.
     """
 
-    _lengths: tuple[float, ...] = ()
-    _count: int = 0
+    _key: tuple[str, tuple[float, ...], int]  # shape, sizes and number of spheres
+
+    def __new__(cls, **fields):
+        return SpherePacking(**fields)
+
+    def __reduce__(self):
+        return _primitive, (*self._key, self.name)
 
     def __getattr__(self, name):
-        if name not in _OF_SPHERES or not self._lengths:
+        if name not in _OF_SPHERES:
             raise AttributeError(name)
-        packing = _packed(self.name, self._lengths).prefix(self._count)
+        shape, lengths, count = self._key
+        packing = _packed(shape, lengths).prefix(count)
         for field in _OF_SPHERES:
             object.__setattr__(self, field, getattr(packing, field))
         return getattr(self, name)
 
     def __repr__(self):
-        return f"PrimitiveModel({self.name!r}, {self._lengths})" if self._lengths else super().__repr__()
+        return f"PrimitiveModel({self._key[0]!r}, {self._key[1]})"
 
     def __len__(self):
-        return self._count or super().__len__()
+        return self._key[2]
 
     @property
     def extent_loss(self):
@@ -125,42 +131,35 @@ class PrimitiveModel(SpherePacking):
         return super().extent_loss
 
     def _first(self, k):
-        return _primitive(self.name, self._lengths, k) if self._lengths else super()._first(k)
+        return _primitive(*self._key[:2], k, self.name)
+
+    def named(self, name):
+        return _primitive(*self._key, name)
 
     def scaled(self, s):
-        if not self._lengths:
-            return super().scaled(s)
-        scale = positive(s, "scale", InvalidModelError)
-        lengths = tuple(scale * each for each in self._lengths)
-        return self if scale == 1.0 else _primitive(self.name, lengths, self._count)
+        scale, (shape, lengths, count) = positive(s, "scale", InvalidModelError), self._key
+        return _primitive(shape, tuple(scale * each for each in lengths), count, self.name)
 
 
 _OF_SPHERES = ("centers", "radii", "surface_gap", "measured_spheres", "extent_losses")
 
 
 @functools.lru_cache(maxsize=256)
-def _primitive(shape, lengths, count):
+def _primitive(shape, lengths, count, name):
     """Return the model of a box, cylinder or capsule with sizes in the order of `SIZES`."""
     (piece,) = pieces = primitive_pieces(shape, lengths)
     volume, _, inertia = mass_properties(pieces)
     model = object.__new__(PrimitiveModel)
     values = {one.name: one.default for one in fields(SpherePacking) if one.name not in _OF_SPHERES}
-    values |= {
-        "name": shape,
-        "inertia": inertia,
-        "volume": float(volume),
-        "origin": np.zeros(3),
-        "pieces": pieces,
-        "pieces_kind": shape,
-    }
-    values["bounds"] = box_about(pieces)
+    values |= {"name": name, "inertia": inertia, "volume": float(volume), "origin": np.zeros(3)}
+    values |= {"pieces": pieces, "pieces_kind": shape, "bounds": box_about(pieces)}
     values["bounding_radius"] = float(np.linalg.norm(piece.outline(), axis=1).max() + piece.rounding)
     if shape == "cylinder":
         values["bounding_radius"] = float(np.hypot(lengths[0], 0.5 * lengths[1]))
-    for name, value in (values | {"_lengths": lengths, "_count": count}).items():
+    for key, value in (values | {"_key": (shape, lengths, count)}).items():
         if isinstance(value, np.ndarray):
             value.flags.writeable = False
-        object.__setattr__(model, name, value)
+        object.__setattr__(model, key, value)
     return model
 
 
