@@ -404,6 +404,12 @@ def convex_outline(points: np.ndarray) -> np.ndarray:
     return np.array(chains)
 
 
+def polygon_area(points: np.ndarray) -> float:
+    """Return the area of a polygon (n, 2), below zero if it is clockwise."""
+    x, y = points.T
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+
+
 def _closed(profile):
     """Return a profile of a whole turn with the ends of its axis, without corners that face the axis."""
     low, high = profile[:, 1].min(), profile[:, 1].max()
@@ -419,8 +425,7 @@ def _convex_profile(profile, field):
     profile = profile[apart]  # without corners given twice
     if len(profile) <= 2:
         return profile
-    x, y = profile.T
-    if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0:
+    if polygon_area(profile) < 0.0:
         profile = profile[::-1]
     a, b = profile - np.roll(profile, 1, axis=0), np.roll(profile, -1, axis=0) - profile
     turns = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / np.maximum(np.hypot(*(a + b).T), 1e-300)  # heights [m]

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..checks.errors import InvalidMeshError
+from .household_meshes import lofted
+from .pieces import convex_outline, polygon_area
 
 _AROUND, _ALONG = 192, 64  # corners around what is round: 0.013 % of the radius are cut off
 _SUBDIVISIONS = 3  # of a ball
 #: Sides of what is round; the farthest that a side is from the circle is 0.1 % of its radius.
 SEGMENTS = 64
-_FLAT = 1e-9  # of a polygon's size squared: a corner that turns by less is straight
+_FLAT = 1e-9  # of a polygon's area, by which it may be less than that of its hull: round-off
 
 #: The shapes, and how many numbers their size has.
 PRIMITIVES = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2}
@@ -49,48 +51,23 @@ def prism(polygon: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
 
     Raises `InvalidMeshError` if the polygon has fewer than three corners, or is not convex.
     """
-    polygon = _convex(polygon)
-    count, half = len(polygon), 0.5 * height
-    level = np.ones((count, 1))
-    vertices = np.vstack([np.hstack([polygon, -half * level]), np.hstack([polygon, half * level])])
-    k, following = np.arange(count), np.roll(np.arange(count), -1)
-    sides = np.vstack(
-        [
-            np.column_stack([k, following, following + count]),
-            np.column_stack([k, following + count, k + count]),
-        ]
-    )
-    fan = np.column_stack([np.zeros(count - 2, int), k[1:-1], k[2:]])
-    return vertices, np.vstack([sides, fan[:, ::-1], fan + count])
-
-
-def cone(radius: float, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and triangles of a cone along z, tip up, with half of its height at z = 0 [m]."""
-    circle, half = _circle(radius), 0.5 * height
-    base = np.hstack([circle, np.full((SEGMENTS, 1), -half)])
-    vertices = np.vstack([base, [[0.0, 0.0, half]]])
-    k = np.arange(SEGMENTS)
-    sides = np.column_stack([k, np.roll(k, -1), np.full(SEGMENTS, SEGMENTS)])
-    return vertices, np.vstack([sides, np.column_stack([np.zeros(SEGMENTS - 2, int), k[2:], k[1:-1]])])
-
-
-def _circle(radius):
-    """Return corners (n, 2) of a regular polygon that has the circle's area."""
-    angle = 2.0 * np.pi * np.arange(SEGMENTS) / SEGMENTS
-    step = 2.0 * np.pi / SEGMENTS
-    return radius * np.sqrt(step / np.sin(step)) * np.column_stack([np.cos(angle), np.sin(angle)])
-
-
-def _convex(polygon):
-    """Return a polygon (n, 2) counter-clockwise; raise `InvalidMeshError` if it is not convex."""
     polygon = np.asarray(polygon, float)
     if polygon.ndim != 2 or len(polygon) < 3:
         raise InvalidMeshError("must have at least three corners", field="polygon", value=len(polygon))
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    after = np.roll(edges, -1, axis=0)
-    turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
-    slack = _FLAT * np.ptp(polygon, axis=0).max() ** 2
-    once = np.abs(np.arctan2(turns, (edges * after).sum(axis=1))).sum() < 2.0 * np.pi + 1e-6
-    if not once or not ((turns > -slack).all() or (turns < slack).all()):
+    outline = convex_outline(polygon)
+    area = polygon_area(outline)
+    if abs(abs(polygon_area(polygon)) - area) > _FLAT * area:
         raise InvalidMeshError("must be convex", field="polygon")
-    return polygon if turns.sum() > 0.0 else polygon[::-1]
+    ends = [np.column_stack([outline, np.full(len(outline), z)]) for z in (-0.5 * height, 0.5 * height)]
+    return lofted(ends, *(end.mean(axis=0) for end in ends))
+
+
+def cone(radius: float, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and triangles of a cone along z, tip up, with half of its height at z = 0 [m].
+
+    Its base is a regular polygon that has the circle's area.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, SEGMENTS, endpoint=False)
+    radius = radius * np.sqrt(angle[1] / np.sin(angle[1]))
+    base = [radius * np.cos(angle), radius * np.sin(angle), np.full(SEGMENTS, -0.5 * height)]
+    return lofted([np.column_stack(base)], -0.5 * height, 0.5 * height)

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from .pieces import Hull, Lathe, Piece, convex_outline
+from .pieces import Hull, Lathe, Piece, convex_outline, polygon_area
 
 _SAMPLES = 24  # points of each edge at which it is checked whether a hull sticks out
 _LEVEL = 1e-12  # share of the squared size: smaller areas count as zero
@@ -209,8 +209,7 @@ def _stages(polygon, tolerance):
 
 
 def _counter_clockwise(polygon):
-    x, y = polygon.T
-    return polygon if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0.0 else polygon[::-1]
+    return polygon if polygon_area(polygon) > 0.0 else polygon[::-1]
 
 
 def _area(a, b, c):
