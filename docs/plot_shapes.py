@@ -27,12 +27,12 @@ def draw(path: Path) -> None:
 
     from unc_physics import load_model, pack_solid
     from unc_physics.plots.model_picture import draw_balls, draw_triangles, view_axes
-    from unc_physics.shapes import household_meshes as meshes
     from unc_physics.shapes.mesh_pieces import mesh_pieces
     from unc_physics.shapes.piece_mesh import piece_mesh
+    from unc_physics.shapes.recipes import RECIPES
     from unc_physics.shapes.solid_mesh import make_solid
 
-    solids = {name: make_solid(name, *getattr(meshes, name)()) for name in ("mug", "bottle")}
+    solids = {name: make_solid(name, *RECIPES[name].mesh()) for name in ("mug", "bottle")}
     models = {name: load_model(name) for name in solids}
     solids["bracket"] = make_solid("bracket", *bracket())
     models["bracket"] = pack_solid(solids["bracket"], SPHERES, **mesh_pieces(solids["bracket"]).entries)

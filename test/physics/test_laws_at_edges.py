@@ -27,7 +27,7 @@ from scipy.integrate import solve_ivp
 
 from unc_physics import Plane, RigidBody, load_model, rounded_box
 from unc_physics.shapes import pieces as shapes
-from unc_physics.shapes.household import HOUSEHOLD
+from unc_physics.shapes.recipes import RECIPES
 
 law = Laws()
 TABLE = slab((0.4, 0.6, 0.02), (-0.2, 0.0, -0.01))  # its edge is at x = 0
@@ -124,7 +124,9 @@ def a_body_stands_where_its_centre_is_over_its_support(dt):
                 case = f"{name} at {yaw:.2f} rad", [ring], [TABLE], -inset, height, about((0, 0, 1), yaw)
                 cases.append(case)
         bowl = load_model("bowl")
-        packed = replace(bowl, pieces=[piece.moved(bowl.origin, np.eye(3)) for piece in HOUSEHOLD["bowl"]()])
+        packed = replace(
+            bowl, pieces=[piece.moved(bowl.origin, np.eye(3)) for piece in RECIPES["bowl"].pieces()]
+        )
         assert any(len(piece.arcs) for piece in packed.pieces)
         case = "bowl with arcs", [RigidBody("b", packed)], [TABLE], -inset, -packed.origin[2]
         cases += [(*case, about((0, 0, 1), yaw)) for yaw in (0.0, 0.19)]

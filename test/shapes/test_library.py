@@ -80,7 +80,7 @@ def test_shipped_models_are_of_the_meshes_in_the_code(name):
 
 
 def test_pin_is_a_tenpin():
-    vertices, faces = meshes.pin()
+    vertices, faces = RECIPES["pin"].mesh()
     solid = make_solid("pin", vertices, faces)
     assert len(faces) >= 20_000
     assert np.ptp(vertices[:, 2]) == pytest.approx(15.0 * INCH)

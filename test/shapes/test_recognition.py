@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from unc_physics.shapes import household_meshes as meshes
 from unc_physics.shapes.mass_properties import mass_properties
 from unc_physics.shapes.pieces import Hull, Lathe
+from unc_physics.shapes.recipes import RECIPES
 from unc_physics.shapes.recognition import CORNERS, recognized
 from unc_physics.shapes.surface_error import distances_of_points, surface_error
 
@@ -169,7 +170,7 @@ def test_a_box_with_a_small_hole_is_no_box():
 @pytest.mark.parametrize("name", ["bottle", "bowl", "can", "pin", "plate"])
 def test_household_models_are_surfaces_of_revolution(name):
     motion = Rotation.from_rotvec([0.3, -1.0, 0.4]).as_matrix(), np.array([0.1, 0.2, -0.3])
-    corners = moved(triangles(*getattr(meshes, name)()), motion)
+    corners = moved(triangles(*RECIPES[name].mesh()), motion)
     pieces = found(corners, "surface of revolution")
     assert len(pieces) <= MOST
     error = surface_error(pieces, corners, 1000)

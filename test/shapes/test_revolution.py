@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from unc_physics import load_model
 from unc_physics.shapes import household_meshes as meshes
 from unc_physics.shapes.distance import distance_of_bodies, identity_frame
-from unc_physics.shapes.household import HOUSEHOLD
 from unc_physics.shapes.pieces import Hull, Lathe, ball, box, convex_outline, piece_arrays
 from unc_physics.shapes.recipes import RECIPES
 from unc_physics.shapes.revolution import convex_parts, lathe_pieces, turns
@@ -85,12 +84,12 @@ def test_pieces_of_hollow_bodies_cover_the_solid(profile):
     assert distances_of_points(lathe_pieces(polygon, TOLERANCE), points).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", HOUSEHOLD)
+@pytest.mark.parametrize("name", [name for name, recipe in RECIPES.items() if recipe.pieces])
 def test_surface_errors_of_household_models(name):
     vertices, triangles = RECIPES[name].mesh()
     model = load_model(name)
     pieces = [piece.moved(-model.origin, np.eye(3)) for piece in model.pieces]
-    assert len(pieces) == len(HOUSEHOLD[name]())
+    assert len(pieces) == len(RECIPES[name].pieces())
     error = surface_error(pieces, vertices[triangles], 2000)
     assert error.outside < OUTSIDE
     assert error.inside < FILLED.get(name, INSIDE) + 1e-9
@@ -107,10 +106,10 @@ def test_a_can_stands_on_one_piece_and_lies_on_its_two_rims():
 
 
 def test_a_surface_error_is_the_distance_by_which_a_piece_is_off():
-    vertices, triangles = meshes.brick()
+    vertices, triangles = RECIPES["brick"].mesh()
     long = [Lathe([[0.0, 0.0], [0.5, 0.0], [0.5, 0.071], [0.0, 0.071]])]
     assert surface_error(long, vertices[triangles], 200).outside < 1e-12
-    small = HOUSEHOLD["brick"]()[0].scaled(0.9)
+    small = RECIPES["brick"].pieces()[0].scaled(0.9)
     corner = 0.1 * np.linalg.norm(np.abs(vertices).max(axis=0))
     assert surface_error([small], vertices[triangles], 2000).outside == pytest.approx(corner, rel=1e-12)
 

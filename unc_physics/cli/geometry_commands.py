@@ -338,7 +338,7 @@ def _make(arguments):
         solid, about = recipe_solid(name, arguments.meshes)
         about |= {"largest_first": RECIPES[name].largest_first}
         if "pieces" not in about:
-            about |= _pieces(solid, RECIPES[name].pieces, None, arguments.threads)
+            about |= _pieces(solid, None, None, arguments.threads)
         _pack(solid, name, arguments.spheres or RECIPES[name].spheres, arguments.threads, output, **about)
     return 0
 

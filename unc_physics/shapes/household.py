@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from . import household_meshes as meshes
 from .pieces import Hull, Lathe, Piece, box
@@ -67,27 +63,3 @@ def rounded_box_pieces() -> list[Piece]:
     """Return the cube of the recorded tosses."""
     size, radius = 0.1048, 0.005
     return [box((size - 2.0 * radius,) * 3, (0.0, 0.0, 0.5 * size), radius)]
-
-
-#: Pieces of household models by their names.
-HOUSEHOLD: dict[str, Callable[[], list[Piece]]] = {
-    "bin": bin_pieces,
-    "bottle": lambda: list(lathe_pieces(meshes.bottle_profile(), HOLLOW)),
-    "bowl": lambda: list(lathe_pieces(meshes.bowl_profile(), HOLLOW)),
-    "brick": lambda: [box((0.240, 0.115, 0.071), (0.0, 0.0, 0.0355))],
-    "can": can_pieces,
-    "mug": mug_pieces,
-    "pin": lambda: list(lathe_pieces(meshes.pin_profile(), HOLLOW)),
-    "plate": lambda: list(lathe_pieces(meshes.plate_profile(), HOLLOW)),
-    "rounded_box": rounded_box_pieces,
-    "salt_box": lambda: [box((0.078, 0.046, 0.122), (0.0, 0.0, 0.061))],
-}
-
-
-def household_pieces(name: str, origin: ArrayLike) -> tuple[Piece, ...]:
-    """Return the pieces of a household model; ``origin`` (3,) is its mesh's origin, body axes [m].
-
-    Hollow sides are flat, as in the files of the library: they hold no arcs.
-    """
-    pieces = [replace(piece, arcs=()) if isinstance(piece, Lathe) else piece for piece in HOUSEHOLD[name]()]
-    return tuple(piece.moved(origin, np.eye(3)) for piece in pieces)

@@ -1,6 +1,7 @@
 """Parametric meshes of a bowling pin and of what a kitchen or a bin-picking cell holds.
 
-Each function returns vertices (n, 3) in metres, z up, and triangles (m, 3), counter-clockwise from outside.
+Functions of bodies return vertices (n, 3) in metres, z up, and triangles (m, 3), counter-clockwise from
+outside; functions of profiles (k, 2) return radii and heights.
 """
 
 from __future__ import annotations
@@ -16,13 +17,8 @@ HANDLE_LOOP = 0.030
 BIN = (0.300, 0.200, 0.147, 0.004, 0.006)
 
 
-def pin():
-    """Return a tenpin, 15 in high."""
-    return revolved(pin_profile(), segments=160)
-
-
 def pin_profile():
-    """Return the profile of a tenpin.
+    """Return the profile of a tenpin, 15 in high.
 
     The diameter is 4.77 in at the belly, 1.80 in at the neck, 2.55 in at the head and 2.03 in at the base. A
     cubic spline joins the gauge points of the tenpin's specification. The head ends in a ball.
@@ -44,18 +40,8 @@ def pin_profile():
     return closed(np.column_stack([r, z]) * INCH, 0.0, 15.0 * INCH)
 
 
-def salt_box():
-    """Return a 500 g carton of table salt."""
-    return lofted([rectangle(0.078, 0.046, 0.0), rectangle(0.078, 0.046, 0.122)], 0.0, 0.122)
-
-
-def can():
-    """Return a 400 g food can, full, with rims."""
-    return revolved(can_profile(), segments=128)
-
-
 def can_profile():
-    """Return the profile of a can with rims."""
+    """Return the profile of a 400 g food can, full, with rims."""
     r, h, rim, deep = 0.0365, 0.110, 0.0015, 0.003
     end = np.array(
         [
@@ -70,13 +56,8 @@ def can_profile():
     return closed(np.concatenate([end, mirrored(end, h)]), deep, h - deep)
 
 
-def bottle():
-    """Return a full half-litre drinks bottle."""
-    return revolved(bottle_profile(), segments=96)
-
-
 def bottle_profile():
-    """Return the profile of a bottle with a waist, a neck and a ring."""
+    """Return the profile of a full half-litre drinks bottle with a waist, a neck and a ring."""
     profile = np.array(
         [
             [0.018, 0.003],
@@ -144,13 +125,8 @@ def handle_loop(count):
     return middle, out / np.linalg.norm(out, axis=1, keepdims=True)
 
 
-def bowl():
-    """Return a stoneware cereal bowl on a foot ring."""
-    return revolved(bowl_profile(), segments=128)
-
-
 def bowl_profile():
-    """Return the profile of a bowl."""
+    """Return the profile of a stoneware cereal bowl on a foot ring."""
     wall, foot = 0.005, 0.004
     t = np.linspace(0.0, 1.0, 24)
     outer = np.column_stack(
@@ -164,24 +140,14 @@ def bowl_profile():
     return closed(np.concatenate([ring, outer[:-1], lip, inner[-2::-1]]), foot, foot + wall)
 
 
-def plate():
-    """Return a stoneware dinner plate on a foot ring."""
-    return revolved(plate_profile(), segments=160)
-
-
 def plate_profile():
-    """Return the profile of a plate."""
+    """Return the profile of a stoneware dinner plate on a foot ring."""
     under = np.array(
         [[0.073, 0.003], [0.074, 0.000], [0.078, 0.000], [0.080, 0.003], [0.096, 0.011], [0.127, 0.017]]
     )
     upper = np.array([[0.127, 0.022], [0.095, 0.0162], [0.078, 0.008], [0.073, 0.008]])
     edge = np.array([[0.1290, 0.0178], [0.1298, 0.0195], [0.1290, 0.0212]])
     return closed(np.concatenate([under, edge, upper]), 0.003, 0.008)
-
-
-def brick():
-    """Return a solid clay brick of German normal format."""
-    return lofted([rectangle(0.240, 0.115, 0.0), rectangle(0.240, 0.115, 0.071)], 0.0, 0.071)
 
 
 def bin():
