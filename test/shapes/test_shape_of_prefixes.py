@@ -1,6 +1,6 @@
-"""Few spheres do not change the body: extent, flat faces and tipping of the models, against their meshes.
+"""Few spheres do not change the body: extent and flat faces of the models, against their meshes.
 
-The measures share no code with `geometry.quality`, whose own tests are here too.
+The measures share no code with `shapes.quality`, whose own tests are here too.
 """
 
 import math
@@ -57,31 +57,9 @@ def tilt(packing, normal):
     return float(np.hypot(*found.x[:2]))
 
 
-def tipping_angle(points, radii, down, ways=12):
-    """Least angle by which a body that stands on a plane has to be turned for it to tip over [rad].
-
-    It tips where its centre of mass is highest.
-    """
-    frame = np.linalg.svd(np.array([down], float))[2][1:]
-    angles = np.radians(np.arange(0.0, 60.0, 0.2))[:, None]
-    least = math.inf
-    for way in 2.0 * np.pi * np.arange(ways) / ways:
-        aside = math.cos(way) * frame[0] + math.sin(way) * frame[1]
-        heights = reach(points, radii, np.cos(angles) * down + np.sin(angles) * aside)
-        falls = np.flatnonzero(np.diff(heights) < 0.0)
-        least = min(least, float(angles[falls[0], 0]) if len(falls) else math.inf)
-    return least
-
-
 def corners_of(name):
     solid = recipe_solid(name)[0]
     return solid.corners.reshape(-1, 3), solid
-
-
-@pytest.mark.parametrize(("name", "degrees"), [("salt_box", 20.66), ("brick", 58.30)])
-def test_meshes_of_boxes_tip_at_half_their_width_over_the_height(name, degrees):
-    points, _ = corners_of(name)
-    assert math.degrees(tipping_angle(points, 0.0, (0, 0, -1))) == pytest.approx(degrees, abs=0.21)
 
 
 @pytest.mark.parametrize("name", HOUSEHOLD)
@@ -105,17 +83,6 @@ def test_household_models_stand_flat(name, count):
     packing = packing.prefix(count or len(packing))
     for normal in FACES[name]:
         assert math.degrees(tilt(packing, normal)) <= 0.1
-
-
-@pytest.mark.parametrize("name", HOUSEHOLD)
-@pytest.mark.parametrize("count", [300, None])
-def test_household_models_tip_as_their_meshes_do(name, count):
-    points, _ = corners_of(name)
-    packing = load_model(name, MODELS)
-    packing = packing.prefix(count or len(packing))
-    mesh = math.degrees(tipping_angle(points[ConvexHull(points).vertices], 0.0, (0, 0, -1)))
-    found = math.degrees(tipping_angle(packing.centers, packing.radii, (0, 0, -1)))
-    assert found == pytest.approx(mesh, abs=1.5)
 
 
 # -- the measures ----------------------------------------------------------------------------------
@@ -178,8 +145,6 @@ def test_a_cylinder_is_lined_evenly_and_rolls_on_nothing_else():
     turns = np.diff(np.sort(np.degrees(np.arctan2(upper[:, 1], upper[:, 0]))))
     np.testing.assert_allclose(turns, 7.5, atol=0.5)
     assert math.degrees(tilt(packing, (0, 0, -1))) <= 0.1
-    found = math.degrees(tipping_angle(packing.centers, packing.radii, np.array([0.0, 0.0, -1.0])))
-    assert found == pytest.approx(math.degrees(math.atan(radius / 0.05)), abs=1.5)
 
 
 @pytest.mark.parametrize("length", [0.02, 0.1, 0.3])

@@ -251,11 +251,11 @@ def _sticks_out(hull, polygon):
     """Return the largest distance by which the boundary of a hull is outside a polygon."""
     share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     points = (hull[:, None] + share[:, None] * (np.roll(hull, -1, axis=0) - hull)[:, None]).reshape(-1, 2)
-    return float(_outside(points, polygon).max(initial=0.0))
+    return float(outside_polygon(points, polygon).max(initial=0.0))
 
 
-def _outside(points, polygon):
-    """Return the distances (n,) of points (n, 2) outside of a polygon."""
+def outside_polygon(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Return the distances (n,) of points (n, 2) outside of a simple polygon (k, 2)."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
     along = b - a
     offset = points[:, None] - a

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .distance import even_directions
+from .revolution import outside_polygon
 from .solid_mesh import unique_rows
 from .triangle_tree import nearest_on_mesh, winding_number
 
@@ -101,21 +102,12 @@ def _face(normal, corners):
     return Face(normal, float((corners @ normal).max()), corners, frame, np.ptp(polygon, axis=0), polygon)
 
 
-def _outside(point, polygon):
-    """Return the distance of a point (2,) outside of a convex polygon (k, 2), its corners in order."""
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    beyond = point - polygon
-    if (edges[:, 0] * beyond[:, 1] - edges[:, 1] * beyond[:, 0] >= 0.0).all():
-        return 0.0
-    squares = (edges**2).sum(axis=1)
-    share = np.clip((beyond * edges).sum(axis=1) / np.where(squares > 0.0, squares, 1.0), 0.0, 1.0)
-    return float(np.linalg.norm(beyond - share[:, None] * edges, axis=1).min())
-
-
 def _is_near(face, point, gap):
     """Return whether a point is at most ``gap`` from a face."""
     up = face.normal @ point - face.height
-    return abs(up) <= gap and math.hypot(up, _outside(face.frame @ point, face.polygon)) <= gap
+    return (
+        abs(up) <= gap and math.hypot(up, outside_polygon((face.frame @ point)[None], face.polygon)[0]) <= gap
+    )
 
 
 def resting_faces(faces, size) -> list[Face]:
@@ -124,7 +116,7 @@ def resting_faces(faces, size) -> list[Face]:
     for face in faces:
         # a narrow face rolls on to the next
         beside = OFF_CENTRE if face.extent[0] > NARROW * size >= face.extent[1] else _COPLANAR
-        if _outside(np.zeros(2), face.polygon) <= beside * size:
+        if outside_polygon(np.zeros((1, 2)), face.polygon)[0] <= beside * size:
             found.append(face)
     return found
 
