@@ -44,29 +44,27 @@ def piece_entries(pieces: Sequence[Piece]) -> dict[str, np.ndarray]:
     InvalidModelError
         If one is a half-space, which is for fixed surroundings only.
     """
-    kinds, points, lathes, faces = [], [], [], []
+    rows = []
     for k, piece in enumerate(pieces):
         if isinstance(piece, HalfSpace):
             raise InvalidModelError("must not be a half-space, which has no end", field=f"pieces[{k}]")
-        kinds.append(HULL if isinstance(piece, Hull) else LATHE)
-        faces.append(piece.faces if isinstance(piece, Hull) else ())
         if isinstance(piece, Hull):
-            points.append(piece.points)
-            lathes.append((np.zeros(3), np.eye(3), (0.0, 0.0)))
+            place = np.zeros(3), np.eye(3), (0.0, 0.0)
+            rows.append((HULL, piece.rounding, piece.points, *place, piece.faces, np.zeros((0, 2, 4))))
         else:
-            radius, height = piece.profile.T
-            points.append(np.column_stack([radius, np.zeros(len(radius)), height]))
-            lathes.append((piece.origin, piece.axes, (piece.azimuth, piece.half_angle)))
+            place = piece.origin, piece.axes, (piece.azimuth, piece.half_angle)
+            points = piece.profile @ [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+            rows.append((LATHE, piece.rounding, points, *place, (), piece.arcs))
+    kinds, roundings, points, origins, axes, sectors, faces, arcs = zip(*rows, strict=True)
     corners = [face for some in faces for face in some]
-    arcs = [piece.arcs if isinstance(piece, Lathe) else np.zeros((0, 2, 4)) for piece in pieces]
     return {
         "piece_kind": np.array(kinds, np.int64),
-        "piece_rounding": np.array([piece.rounding for piece in pieces if not isinstance(piece, HalfSpace)]),
+        "piece_rounding": np.array(roundings),
         "piece_points": np.concatenate(points),
         "piece_sizes": np.array([len(some) for some in points], np.int64),
-        "piece_origin": np.array([origin for origin, _, _ in lathes]),
-        "piece_axes": np.array([axes for _, axes, _ in lathes]),
-        "piece_sector": np.array([sector for _, _, sector in lathes]),
+        "piece_origin": np.array(origins),
+        "piece_axes": np.array(axes),
+        "piece_sector": np.array(sectors),
         "piece_face_counts": np.array([len(some) for some in faces], np.int64),
         "piece_face_sizes": np.array([len(face) for face in corners], np.int64),
         "piece_face_corners": np.concatenate([np.zeros(0, np.int64), *corners]),
@@ -105,13 +103,10 @@ def pieces_of_entries(entries: Mapping[str, np.ndarray]) -> tuple[Piece, ...]:
         if np.any(values[key] != np.rint(values[key])) or np.any(values[key] < 0):
             raise InvalidModelError("must hold integers of at least 0", field=key)
         values[key] = values[key].astype(np.int64)
-    points = _split(values, "piece_points", "piece_sizes")
-    faces = _split(
-        {**values, "faces": _split(values, "piece_face_corners", "piece_face_sizes")},
-        "faces",
-        "piece_face_counts",
-    )
-    arcs = _split(values, "piece_arcs", "piece_arc_counts")
+    points = _split(values["piece_points"], "piece_sizes", values)
+    faces = _split(values["piece_face_corners"], "piece_face_sizes", values)
+    faces = _split(faces, "piece_face_counts", values)
+    arcs = _split(values["piece_arcs"], "piece_arc_counts", values)
     pieces: list[Piece] = []
     for k, kind in enumerate(values["piece_kind"].tolist()):
         rounding = values["piece_rounding"][k]
@@ -132,9 +127,9 @@ def pieces_of_entries(entries: Mapping[str, np.ndarray]) -> tuple[Piece, ...]:
     return tuple(pieces)
 
 
-def _split(values, key, sizes):
-    """Return the rows of a key in parts of given sizes."""
-    rows, counts = values[key], values[sizes]
+def _split(rows, sizes, values):
+    """Return rows in parts, whose sizes are those of a key of ``values``."""
+    counts = values[sizes]
     if counts.sum() != len(rows):
         raise InvalidModelError(f"must have the sum {len(rows)}", field=sizes, value=int(counts.sum()))
     ends = np.cumsum(counts)
