@@ -13,7 +13,7 @@ possible, and stays on its own side of the planes half-way to the other places, 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -497,8 +497,9 @@ class _SphereFit:
 
     def solve(self, center, place, rows, limits, equal, equal_to, features, trust):
         """Return centre, radius and merit of the best sphere by the linear programme at a point, or None."""
-        from scipy.optimize import Bounds, LinearConstraint, milp
+        from scipy import optimize
 
+        scipy: Any = optimize  # whose types know no arrays
         planes, values = [], []
         for foot, normal, within in features:
             if normal is None:
@@ -520,7 +521,8 @@ class _SphereFit:
         low = np.array([*(center - trust), *[0.0] * (1 + soft)])
         high = np.array([*(center + trust), LARGEST * self.size, *[np.inf] * soft])
         # a linear programme has no integers; `linprog` spends more time on checks
-        found = milp(cost, constraints=LinearConstraint(a, -np.inf, b), bounds=Bounds(low, high))
+        limits = scipy.LinearConstraint(a, -np.inf, b)
+        found = scipy.milp(cost, constraints=limits, bounds=scipy.Bounds(low, high))
         return None if found.x is None else (found.x[:3], found.x[3], -found.fun)
 
     def polished(self, center, radius, rows, limits, equal, equal_to):
