@@ -83,7 +83,7 @@ def _capsule_moments(hull):
     """Return the integrals of 1, x and x x^T over a ball or a capsule, a body of revolution."""
     along = hull.points[-1] - hull.points[0]
     axes = np.linalg.svd(along[None])[2].T[:, ::-1]
-    profile = np.outer([-0.5, 0.5], [0.0, np.linalg.norm(along)])
+    profile = np.outer([-0.5, 0.5], [0.0, float(np.linalg.norm(along))])
     return _turned_moments(profile, hull.rounding, hull.points.mean(axis=0), axes)
 
 
