@@ -15,6 +15,7 @@ from .time_limit import limit_here
 
 # costs vary between samples; starting a part costs as much as a short rollout
 _MOST_PARTS_PER_THREAD, _FEWEST_IN_A_PART = 8, 4
+_FEW_STEPS = 400  # body steps, over all samples, that take less time than starting another thread
 _FIRST_PART = 64  # samples, of watched work that may be slow
 _PART_TIME = 0.01  # s, target duration of a part
 _LOOK_AFTER = 0.02  # s, between checks while parts take longer
@@ -43,15 +44,18 @@ def watched(look):
         _watch.look = before
 
 
-def in_threads(count, run, first=_FIRST_PART, fewest=_FEWEST_IN_A_PART):
+def in_threads(count, run, first=_FIRST_PART, steps=_FEW_STEPS):
     """Call ``run(slice)`` for parts of ``range(count)``, with the number of threads set in numba.
 
-    Watched work (`watched`) begins with parts of ``first`` samples, unless a thread gets no more. Parts have
-    at least ``fewest`` samples if there is one for each thread.
+    Watched work (`watched`) begins with parts of ``first`` samples, unless a thread gets no more. ``steps``
+    are the body steps of a sample: what takes few of them is one part, and other parts take no fewer.
     """
+    if count * steps <= _FEW_STEPS:
+        run(slice(0, count))
+        return
     run = refusing_as_here(run)
     threads = numba.get_num_threads() if count > 1 else 1
-    fewest = max(fewest, _FEWEST_IN_A_PART)
+    fewest = max(_FEW_STEPS // steps, _FEWEST_IN_A_PART)
     parts = threads * min(max(count // (fewest * threads), 1), _MOST_PARTS_PER_THREAD)
     size = -(-count // parts)
     if _watch.look is not None and size > first:

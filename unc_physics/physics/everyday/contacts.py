@@ -87,7 +87,6 @@ from .columns import (
     POINTED,
     RADIUS,
     REACH,
-    REMEMBERED,
     RESTITUTION,
     RHO_A,
     RHO_B,
@@ -129,9 +128,8 @@ from .search import FULL, line_up, meet, place, reaches, shoves
 from .solve import closing, parting
 
 # Cosines of the most by which a rim's point travels; where it is more the point stays on the body.
-NEARBY = 0.7  # an eighth of the circle
+NEARBY = 0.7  # an eighth of the circle, and by which normals differ between which forces are handed on
 ANYWHERE = -math.inf
-_ALIKE = 0.7  # cosine of normals between which forces are handed on
 
 
 @inner
@@ -161,7 +159,7 @@ def _on_rim(Y, solids, i, p, n, q):
 @inner
 def _tangents(n):
     """Return two tangents that only depend on the normal n."""
-    t1 = unit(cross(n, (0.0, 1.0, 0.0) if abs(n[1]) < 0.7 else (1.0, 0.0, 0.0)))
+    t1 = unit(cross(n, (0.0, 1.0, 0.0) if abs(n[1]) < 0.5 else (1.0, 0.0, 0.0)))
     return t1, cross(n, t1)
 
 
@@ -325,7 +323,7 @@ def _row(C, n, a, b, found, i, Y, solids, old, first, had):
     best, which = SAME_POINT * SAME_POINT, -1
     for j in range(first, first + had):
         d = minus(rb, three(old, j, LEVER_B))
-        if dot(d, d) < best and old[j, MODE] == 0.0 and dot(three(old, j, NORMAL), normal) >= _ALIKE:
+        if dot(d, d) < best and old[j, MODE] == 0.0 and dot(three(old, j, NORMAL), normal) >= NEARBY:
             best, which = dot(d, d), j
     if which >= 0:
         write(C, n, WARM, _given_along(old, which, WARM, normal))
@@ -373,7 +371,7 @@ def _pair(a, b, far, dt, n, Y, solids, C, old, search, count):
         return FULL
     if had > 0 and old[first, SINCE] < SLOP and Y[a, SHOVE] + Y[b, SHOVE] == 0.0:
         for j in range(first, first + had):
-            for x in range(REMEMBERED):
+            for x in range(C.shape[1]):
                 C[n, x] = old[j, x]
             n += 1
         return n
@@ -415,7 +413,7 @@ def _without_ghosts(first, n, Y, solids, C):
     for k in range(first, n):
         if C[k, MODE] == 0.0:
             if m < k:
-                for x in range(REMEMBERED):
+                for x in range(C.shape[1]):
                     C[m, x] = C[k, x]
             m += 1
     return m
@@ -840,7 +838,7 @@ def store(n, C, Y, out):
             r = plus(r, roll_arm(Y, b))
         r = minus(r, times(C[k, RHO_B] + 0.5 * C[k, GAP0], n_))
         write(C, k, POINT, plus(three(Y, b, CENTRE), r))
-        for x in range(REMEMBERED):
+        for x in range(out.shape[1]):
             out[k, x] = C[k, x]
 
 
@@ -848,7 +846,7 @@ def store(n, C, Y, out):
 def restore(n, rows, C, Y, solids, surface, materials, search):
     """Read contacts from rows that `store` has written."""
     for k in range(n):
-        for x in range(REMEMBERED):
+        for x in range(rows.shape[1]):
             C[k, x] = rows[k, x]
         _complete(C, k, Y, solids, surface, materials)
         write(C, k, IMPULSE, three(rows, k, IMPULSE))

@@ -36,11 +36,11 @@ from .columns import (
 from .motion import symmetric_times, write
 from .solve import HOLDS, closing, kick, parting
 
-OPEN, STICKS, SLIDES = 0, 1, 2  # MODE of a contact in the direct solution
+OPEN, STICKS, SLIPS = 0, 1, 2  # MODE of a contact in the direct solution
 _STICKING = 0.999  # share of the cone below which a contact begins as sticking
 _ROUNDS = 30  # changes of states until it gives up
 _REGULAR = 1e-8  # relative increase of the diagonal: more contacts than a rigid body needs
-_PULL, _ABOVE, _CLOSES = 1e-9, 1e-9, 1e-7  # round-off of impulses, of the cone, of speeds [m/s]
+_PULL, _ABOVE, _CLOSES = 1e-9, 1e-9, 1e-8  # round-off of impulses, of the cone, of speeds [m/s]
 
 
 @inner
@@ -98,13 +98,20 @@ def _violation(first, last, C, Y, h):
 
 
 @inner
+def _unknowns(C, k):
+    """Return the number of unknown impulses of a contact: none, those along normal and tangents, or one."""
+    if C[k, MODE] == OPEN:
+        return 0
+    return 3 if C[k, MODE] == STICKS else 1
+
+
+@inner
 def _number(first, last, C, A):
-    """Number the unknowns: three of a contact that sticks, one of one that slides; return how many."""
+    """Number the unknowns; return how many."""
     m = 0
     for k in range(first, last):
-        if C[k, MODE] != OPEN:
-            A[UNKNOWNS, k - first] = m
-            m += 3 if C[k, MODE] == STICKS else 1
+        A[UNKNOWNS, k - first] = m
+        m += _unknowns(C, k)
     return m
 
 
@@ -112,10 +119,8 @@ def _number(first, last, C, A):
 def _equations(first, last, C, Y, h, A):
     """Fill matrix and right side: speeds at the contacts are to vanish, or to close the gap within h."""
     for j in range(first, last):
-        if C[j, MODE] == OPEN:
-            continue
         r, v = int(A[UNKNOWNS, j - first]), parting(Y, C, j)
-        for x in range(3 if C[j, MODE] == STICKS else 1):
+        for x in range(_unknowns(C, j)):
             u = dot(three(C, j, NORMAL + 3 * x), v) - C[j, SURFACE_U + x]
             if x == 0:
                 u += max(C[j, GAP], 0.0) / h
@@ -196,7 +201,7 @@ def _revise(first, last, C, Y, h, most):
         if C[k, MODE] != OPEN and C[k, LN] < pull:
             pull, worst = C[k, LN], k
         elif C[k, MODE] == STICKS and _along(C, k) > C[k, MU] * C[k, LN] * (1.0 + _ABOVE):
-            C[k, MODE] = SLIDES
+            C[k, MODE] = SLIPS
             changed = True
     if worst >= 0:
         C[worst, MODE] = OPEN
@@ -229,7 +234,7 @@ def solve_directly(first, last, C, Y, h, A):
         write(C, k, BEFORE, three(C, k, LN))
     for k in range(first, last):
         sticks = _along(C, k) < _STICKING * C[k, MU] * C[k, LN]
-        C[k, MODE] = OPEN if C[k, LN] <= 0.0 else (STICKS if sticks else SLIDES)
+        C[k, MODE] = OPEN if C[k, LN] <= 0.0 else (STICKS if sticks else SLIPS)
     _apply(first, last, C, Y, -1.0)
     settled = 0
     for _ in range(_ROUNDS):

@@ -1,7 +1,7 @@
 """Groups of bodies that touch, by union-find."""
 
 from ...compiler import inner
-from .columns import BODY_A, BODY_B, GROUP, IMASS, MEMBERS, NEXT, PARENT, REMEMBERED, START
+from .columns import BODY_A, BODY_B, GROUP, IMASS, MEMBERS, NEXT, PARENT, START
 
 
 @inner
@@ -42,7 +42,7 @@ def group_contacts(bodies, n, found, C, Y, groups):
         group[i] = group[_root(parent, i)]
     for k in range(n):
         j = group[int(found[k, BODY_B])]
-        for x in range(REMEMBERED):
+        for x in range(found.shape[1]):
             C[after[j], x] = found[k, x]
         after[j] += 1
     return m

@@ -49,7 +49,6 @@ from .motion import pose, write
 from .search import FULL, Solids, forget_all, place, search_scratch
 from .step import Own, Work, note_contacts, note_squeezes, take_step
 
-_FEW_STEPS = 400  # body steps, over all rollouts, that take less time than starting another thread
 FIRST_ROOM = 12  # contacts for each body at first; more are made room for when a step needs them
 FIRST_LISTS = 64  # rows of the search's lists at first, likewise; all pairs of pieces up to
 _MOST_LISTS = 4096  # so many, which are no memory until they are written
@@ -432,11 +431,7 @@ def recorded(states, first_time, memory, world, variation, begin, stops):
             if first >= some.stop:
                 break
 
-    each = max(states.shape[1] * (int(stops.steps[-1]) + len(stops.steps)), 1)
-    if len(states) * each <= _FEW_STEPS:
-        run(slice(0, len(states)))
-    else:
-        in_threads(len(states), run, fewest=_FEW_STEPS // each)
+    in_threads(len(states), run, steps=states.shape[1] * (int(stops.steps[-1]) + len(stops.steps)))
     parts = [found[start] for start in sorted(found)]
     rows = max(part.contact.shape[2] for part in parts)
     parts = [part._replace(contact=_with_rows(part.contact, rows)) for part in parts]

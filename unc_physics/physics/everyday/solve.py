@@ -17,7 +17,6 @@ from .columns import (
     BY_NORMAL,
     EASE_N,
     EASE_T,
-    EXTRAPOLATE,
     FARTHEST,
     GAP,
     IMASS,
@@ -148,11 +147,12 @@ def _resist(Y, C, k):
 
 @inner(noinline=True, error_model="numpy")
 def sweep(first, last, C, Y, h):
-    """Let each contact act once on the velocities that the others left; return the largest change of speed.
+    """Let each contact act once on the velocities that the others left.
 
-    By MODE a contact closes its gap within h at most, parts with the speed REBOUND, or takes no part.
+    By MODE a contact closes its gap within h at most, parts with the speed REBOUND, or takes no part. Returns
+    the largest change of speed, and the sum of squares of the changes of impulses.
     """
-    most = 0.0
+    most = total = 0.0
     for k in range(first, last):
         if C[k, MODE] == WAITS:
             continue
@@ -174,11 +174,12 @@ def sweep(first, last, C, Y, h):
                 x, y = x * top / r, y * top / r
         d1, d2 = x - l1, y - l2
         most = max(most, (abs(d) + abs(d1) + abs(d2)) / m)
+        total += d * d + d1 * d1 + d2 * d2
         push(Y, C, k, plus(plus(times(d, n), times(d1, t1)), times(d2, t2)), VEL, SPIN)
         write(C, k, LN, (new, x, y))
         if C[k, TWIST] > 0.0 or C[k, ROLL] > 0.0:
             most = max(most, _resist(Y, C, k))
-    return most
+    return most, total
 
 
 @inner
@@ -186,6 +187,8 @@ def _extrapolate(first, last, C, Y, more):
     """Change the impulses on by ``more`` times the last change, within the cones."""
     for k in range(first, last):
         d = times(more, minus(three(C, k, LN), three(C, k, BEFORE)))
+        if d[0] == 0.0 and d[1] == 0.0 and d[2] == 0.0:
+            continue
         ln, x, y = max(C[k, LN] + d[0], 0.0), C[k, L1] + d[1], C[k, L2] + d[2]
         top = C[k, MU] * ln
         if x * x + y * y > top * top:
@@ -201,19 +204,16 @@ def solve(rounds, first, last, C, Y, h, tolerance):
     before = 0.0
     for r in range(rounds):
         turn = r % BETWEEN if r > BETWEEN else 0  # at 1 and 2 changes are measured, and their ratio after 2
-        if turn == 1 or turn == 2:
+        if turn == 2:
             for k in range(first, last):
                 write(C, k, BEFORE, three(C, k, LN))
-        if sweep(first, last, C, Y, h) < tolerance:
+        most, now = sweep(first, last, C, Y, h)
+        if most < tolerance:
             return r + 1
         if turn == 1 or turn == 2:
-            now = 0.0
-            for k in range(first, last):
-                d = minus(three(C, k, LN), three(C, k, BEFORE))
-                now += dot(d, d)
             ratio = math.sqrt(now / before) if before > 0.0 else 0.0
             before = now
-            if turn == 2 and EXTRAPOLATE < ratio < 1.0:
+            if turn == 2 and 0.0 < ratio < 1.0:
                 _extrapolate(first, last, C, Y, min(ratio / (1.0 - ratio), FARTHEST))
     return rounds
 

@@ -77,7 +77,7 @@ from .search import FULL, Search, Solids
 from .solve import HOLDS, WAITS, bear, keep_warm, push_out, slides, solve, start_warm
 
 _END = 1e-9  # share of a step that is no step
-_WITHIN = 1.0 + 1e-6  # share of a cone of friction that is within it
+_WITHIN = 1.0 + 1e-9  # share of a cone of friction that is within it: round-off
 _AT_ONCE = 1e-6  # share of a step within which an impact is now
 
 

@@ -8,9 +8,6 @@ from .. import contact_history as histories
 from .explicit_step import integrate
 from .workspace import workspace
 
-#: Body steps, over all samples, that take less time than starting another thread.
-_FEW_STEPS = 400
-
 
 def rollout(states, contact_history, world, begin, steps):
     """Advance a batch of states in place.
@@ -29,14 +26,10 @@ def rollout(states, contact_history, world, begin, steps):
         Number of steps done before.
     steps : int
     """
-    each = max(states.shape[1] * steps, 1)
-    if len(states) * each <= _FEW_STEPS:
-        advance(states, contact_history, world, begin, steps)
-        return
     in_threads(
         len(states),
         lambda some: advance(states[some], histories.samples(contact_history, some), world, begin, steps),
-        fewest=_FEW_STEPS // each,
+        steps=states.shape[1] * steps,
     )
 
 
@@ -57,11 +50,7 @@ def recorded(states, contact_history, world, begin, steps):
             states[some], histories.samples(contact_history, some), world, begin, steps, records, some.start
         )
 
-    each = max(states.shape[1] * (int(steps[-1]) + len(steps)), 1)
-    if len(states) * each <= _FEW_STEPS:
-        run(slice(0, len(states)))
-    else:
-        in_threads(len(states), run, fewest=_FEW_STEPS // each)
+    in_threads(len(states), run, steps=states.shape[1] * (int(steps[-1]) + len(steps)))
     return read_records(records, contact_history, len(steps))
 
 
