@@ -99,10 +99,7 @@ def node_in_this_process(
     thread = threading.Thread(target=spin, args=[running], daemon=True)
     thread.start()
     try:
-        wait_until(
-            lambda: node.server.is_open and node.server.deferred_answers.supported is not None, READY_TIMEOUT
-        )
-        assert node.server.deferred_answers.supported
+        wait_until(lambda: node.server.is_open, READY_TIMEOUT)
         yield node
     finally:
         node.destroy_node()

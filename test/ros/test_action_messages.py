@@ -82,7 +82,7 @@ def robot_scene(frame=None):
     table.material = make_message(Material, torsional_friction=0.01)
     message = SceneMessage(objects=[mug, hand], environment=surroundings)
     if frame is not None:
-        message, actions = frame.scene(message), [frame.action(action) for action in actions]
+        message, actions = frame.moved(message), frame.moved(actions)
     return read_scene(message, LIBRARY, EXACT_PRESETS["everyday"], actions=actions).scene
 
 

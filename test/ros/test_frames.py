@@ -71,7 +71,7 @@ def test_poses_velocities_and_covariances_are_turned(frames):
     factor = np.random.default_rng(1).normal(size=(6, 6))
     message.pose.covariance = (factor @ factor.T).ravel()
     message.twist.covariance[0] = -1.0
-    seen = frames.to_world(Header(frame_id="camera")).object(message)
+    seen = frames.to_world(Header(frame_id="camera")).moved(message)
     assert position_of(message.pose).tolist() == [0.1, 0.2, 0.3]
     assert np.allclose(position_of(seen.pose), TURN.apply([0.1, 0.2, 0.3]) + SHIFT)
     assert (Rotation.from_quat(orientation_of(seen.pose)).inv() * TURN * rotation).magnitude() < 1e-12
@@ -99,7 +99,7 @@ def test_a_plane_and_a_box_stay_where_they_are(frames):
     )
     region = BoxRegion(id="bin", pose=pose)
     transform = frames.to_world(Header(frame_id="camera"))
-    seen, seen_region = transform.environment(environment), transform.region(region)
+    seen, seen_region = transform.moved(environment), transform.moved(region)
     points = rng.normal(size=(20, 3))
     (plane, _), (there, _) = (read_environment(each, ShapePacker())[0] for each in (environment, seen))
     coef = environment.elements[0].plane.coef
@@ -176,11 +176,9 @@ def test_whole_and_joint_covariances_turn_with_their_frame(frames):
     transform = frames.to_world(Header(frame_id="camera"))
     A = np.kron(np.eye(8), TURN.as_matrix())
     expected = A @ C @ A.T
+    assert np.allclose(np.reshape(transform.moved(joint).data, (24, 24)), expected, rtol=1e-12, atol=1e-18)
     assert np.allclose(
-        np.reshape(transform.joint_covariance(joint).data, (24, 24)), expected, rtol=1e-12, atol=1e-18
-    )
-    assert np.allclose(
-        np.reshape(transform.object(message).covariance, (12, 12)), expected[:12, :12], rtol=1e-12, atol=1e-18
+        np.reshape(transform.moved(message).covariance, (12, 12)), expected[:12, :12], rtol=1e-12, atol=1e-18
     )
     message.covariance = packed(np.ones(7))  # which the reader refuses
-    assert len(transform.object(message).covariance) == 7
+    assert len(transform.moved(message).covariance) == 7

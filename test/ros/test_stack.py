@@ -6,7 +6,6 @@ What is not on PyPI is used where a machine has it; the other tests run anywhere
 import signal
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numba
@@ -30,7 +29,7 @@ from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.physics.everyday import rollouts
-from unc_physics.ros import server, services
+from unc_physics.ros import server
 from unc_physics_msgs.srv import Predict
 
 LAUNCH = Path(__file__).resolve().parents[2] / "launch"
@@ -156,29 +155,6 @@ def test_a_request_waits_for_kernels_within_its_time(robot, client, monkeypatch)
     hurried = good_request(max_computation_time=1e-3)
     result = client.predict(hurried, node="robot_1/unc_physics").result
     assert result.error_code == ErrorCode.NOT_READY and "still compiles kernel" in result.error_msg
-    assert_answered(client.predict(good_request(), node="robot_1/unc_physics"))
-
-
-def test_services_are_complete_before_the_node_asks_itself(monkeypatch):
-    def introspect_late(*_):
-        time.sleep(0.1)  # five times the period in which the node looks for its service
-
-    monkeypatch.setattr(services, "introspect", introspect_late)
-    with node_in_this_process("late", executor=two_threads, warm_up=[""]) as late:
-        assert late.server.deferred_answers.supported
-
-
-def test_where_rclpy_does_not_defer_answers_the_callback_answers(robot, client):
-    class NotDeferred:
-        """The check in an rclpy that does not call the service's `send_response`."""
-
-        supported = property(lambda _: False, lambda *_: None)
-
-        def close(self):
-            pass
-
-    robot.server.deferred_answers.close()
-    robot.server.deferred_answers = robot.server._open[0] = NotDeferred()
     assert_answered(client.predict(good_request(), node="robot_1/unc_physics"))
 
 

@@ -8,6 +8,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Pose, PoseWithCovariance, PoseWithCovarianceStamped, Vector3
+from in_process import FRAMES
 from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
 from running import ANSWER_TIMEOUT, Client, Inbox, NodeProcess, wait_until
 from scenes import POSITION_STD, good_request, moving_object, numbers_of, position_of
@@ -15,17 +16,15 @@ from shape_msgs.msg import Plane
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from unc_physics.ros.detected import read_detections
+from unc_physics.ros.detected import read_detections, settle_detected, topic_name
 from unc_physics.ros.messages.clocks import stamp_problem
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
-from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
-from unc_physics.ros.scene_topics import LatestWorker, StreamedScene, prepared, topic_name
-from unc_physics.ros.stream_pace import Pace
+from unc_physics.ros.stream_pace import LatestWorker
 from unc_physics.ros.streams import request_of, transforms
-from unc_physics_msgs.msg import EnvironmentElement, PredictedObject, Prediction, Scene
+from unc_physics_msgs.msg import Environment, EnvironmentElement, PredictedObject, Prediction, Scene
 
 HORIZONS = [0.1, 0.2, 0.25]
 AHEAD = 20.0  # s, of stamps before now: the horizon has not passed, however slow the machine
@@ -295,18 +294,13 @@ def test_one_bad_detection_is_left_out_alone():
     message.detections[3].results[0].pose.pose.orientation.w = 0.0
     library, settings = ModelLibrary(), Settings()
     seen = read_detections(message, library, settings)
-    scene = Scene(header=seen.header, objects=seen.objects)
-    streamed = StreamedScene(scene, True, Pace(), skipped=seen.skipped)
-    frames = SimpleNamespace(to_world=lambda *header: None)
-    environment = NodeEnvironment()
     floor = EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))
-    environment.set([floor])
-    scene, skipped = prepared(streamed, frames, environment, library, settings)
-    found = read_request(request_of(scene, settings), settings, library, frames)
+    scene = Scene(header=seen.header, objects=seen.objects)
+    scene, _ = settle_detected(scene, Environment(elements=[floor]), library, settings)
+    found = read_request(request_of(scene, settings), settings, library, FRAMES)
     assert [body.name for body in found.scene.bodies] == ["the can"]
-    reasons = found.skipped | skipped
-    assert list(reasons) == ["brick_2", "teapot_3", "detection_1"]
-    assert "pose.pose.position must be finite (got nan)" in reasons["brick_2"]
+    assert list(found.skipped) == ["brick_2", "teapot_3"]
+    assert "pose.pose.position must be finite (got nan)" in found.skipped["brick_2"]
 
 
 def test_what_holds_no_valid_object_is_answered_by_an_empty_prediction(answer_to, listener):

@@ -5,7 +5,7 @@ Only this part of the package imports rclpy.
 - Node: `node` and `lifecycle_node` hold a `server`, which reads requests, predicts, and opens the interfaces
   of `services`, `candidates`, `stability`, `long_prediction`, `node_environment`, `models`, `streams` and
   `tracking`. `parameters` are its settings.
-- Streams: `scene_topics` and `detected` (input), `stream_pace`, `markers` (output).
+- Streams: `detected` (input), `stream_pace`, `markers` (output).
 - Tracking: `tracks` keeps objects and their beliefs, `association` matches observations with them.
 - Messages: `messages` has a module for each kind of message.
 - Client: `client`.

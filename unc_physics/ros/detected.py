@@ -1,4 +1,4 @@
-"""Detected objects: duplicates, and which of them stand on something.
+"""Detected objects: their topics, duplicates, and which of them stand on something.
 
 A detection has a pose and no velocity. An object close to a support is taken as at rest.
 One in mid-air is not predicted.
@@ -6,13 +6,17 @@ One in mid-air is not predicted.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import math
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import Pose, PoseWithCovariance
+from geometry_msgs.msg import Pose, PoseWithCovariance, PoseWithCovarianceStamped
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import Header
 
 from unc_physics_msgs.msg import Environment, ObjectState, Scene
@@ -33,6 +37,8 @@ try:
 except ImportError:  # optional
     Detection3DArray = None
 
+#: Depth, history and reliability have parameters such as ``qos_overrides./TOPIC.subscription.depth``.
+OVERRIDABLE = QoSOverridingOptions.with_default_policies()
 _SIGMAS = 3.0
 _SURFACE_ERROR = 2e-3  # m, of a model's surface
 _NO_POSE = Pose()
@@ -138,6 +144,55 @@ def read_detections(message, library, settings) -> Detections:
             objects.append(_detected(name, best, detection.bbox, library, settings))
     named = {detection.id for detection in message.detections if detection.id}
     return Detections(header, objects, named, skipped)
+
+
+def detection_subscriptions(
+    server, of_one: Callable[[Detections], object], of_many: Callable[[Detections], object], depth: int
+) -> list:
+    """Subscribe to ``~/detections``, and to ``~/observed/ID`` for each of `Settings.observed`.
+
+    Parameters
+    ----------
+    server : PredictionServer
+    of_one, of_many : callable
+        Take the `Detections` of a topic of one object, and of an array.
+    depth : int
+        Number of messages of a topic that wait in the middleware.
+    """
+    node, library, parameters = server.node, server.library, server.parameters
+
+    def one(name, kind, message):
+        state = detected_object(name, kind, message.pose, library, parameters.settings)
+        of_one(Detections(message.header, [state], {name}, {}))
+
+    def many(message):
+        of_many(read_detections(message, library, parameters.settings))
+
+    found = [
+        subscribe(
+            node,
+            PoseWithCovarianceStamped,
+            f"~/observed/{topic_name(name)}",
+            functools.partial(one, name, kind),
+            depth,
+        )
+        for name, kind in parameters.settings.observed.items()
+    ]
+    if Detection3DArray is not None:
+        found.append(subscribe(node, Detection3DArray, "~/detections", many, depth))
+    return found
+
+
+def topic_name(text: str) -> str:
+    """Return a text as the last part of a topic name."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    return name if name[:1].isalpha() else f"_{name}"
+
+
+def subscribe(node, kind: type, topic: str, callback: Callable, depth: int = 1):
+    """Subscribe by best effort, which matches all publishers, including sensors; users may override it."""
+    profile = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+    return node.create_subscription(kind, topic, callback, profile, qos_overriding_options=OVERRIDABLE)
 
 
 def valid_hypotheses(detection) -> list:

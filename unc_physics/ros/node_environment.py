@@ -157,7 +157,7 @@ class EnvironmentTopics:
         with self._server.errors_into(response.result):
             environment = request.environment
             if (transform := self._server.frames.to_world(request.header, "header")) is not None:
-                environment = transform.environment(environment)
+                environment = transform.moved(environment)
             self._take(environment)
 
     def _received(self, message):

@@ -17,7 +17,7 @@ from typing import Any
 
 from unc_physics_msgs.msg import Prediction as PredictionMessage
 from unc_physics_msgs.msg import PredictionRequest, Result
-from unc_physics_msgs.srv import GetCapabilities, Predict
+from unc_physics_msgs.srv import Predict
 
 from ..checks.errors import CanceledError, ErrorCode, InvalidOptionError, NotReadyError, UncPhysicsError
 from ..checks.names import hint
@@ -42,7 +42,7 @@ from .messages.scene import FieldNames
 from .models import ModelLibrary, ModelTopics
 from .node_environment import EnvironmentTopics, NodeEnvironment
 from .parameters import ParameterServer
-from .services import BackgroundService, CapabilitiesService, DeferredAnswerCheck
+from .services import BackgroundService, CapabilitiesService
 from .stability import StabilityService
 from .streams import Stream
 from .tracking import Tracking
@@ -86,7 +86,6 @@ class PredictionServer:
         self.tracking: Any = None  # a Tracking after `open`, with the parameter track
         self.environment = NodeEnvironment()
         self.pool: ThreadPoolExecutor | None = None
-        self.deferred_answers: Any = None
         self.ending: str | None = None  # reason why predictions end
         self.answered = 0.0  # time of the newest answer that a thread of the pool sent [s]
         self._warned_zeros = self._warned_misspelt = False
@@ -157,8 +156,7 @@ class PredictionServer:
             self.diagnostics, self.markers = Diagnostics(self), MarkerTopic(self, "~/markers")
             self.pool = ThreadPoolExecutor(_THREADS, thread_name_prefix="requests")
             self._compiler = ThreadPoolExecutor(1, thread_name_prefix="compilation")
-            self.deferred_answers = DeferredAnswerCheck(self, GetCapabilities, "~/get_capabilities")
-            self._open = [self.deferred_answers, self.diagnostics, self.markers]
+            self._open = [self.diagnostics, self.markers]
             for interface in _INTERFACES:
                 self._open.append(interface(self))
             self._open.append(BackgroundService(self, Predict, "~/predict", self._predict))
@@ -167,7 +165,6 @@ class PredictionServer:
             if self.settings.track:
                 self.tracking = Tracking(self, stream)
                 self._open.append(self.tracking)
-            self.deferred_answers.begin()
         self._warn_misspelt()
         self.log.info("ready")
 

@@ -7,14 +7,12 @@ import platform
 import time
 import traceback
 from importlib.util import find_spec
-from typing import Any
 
 import numba
 import numpy as np
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_services_default
 from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.utilities import get_rmw_implementation_identifier
@@ -29,7 +27,9 @@ from ..scene.scene import UNCERTAIN_PARAMETERS
 from .messages.fields import duration, write_error
 from .messages.physics import physics_message
 
-_DISCOVERY_PERIOD = 0.02  # s, between checks whether a service is discovered
+_NOT_DEFERRED = NotActiveError(
+    "runs with an rclpy that does not defer answers; take that of Jazzy", field="the node"
+)
 #: Quality of service of latched topics.
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -55,20 +55,6 @@ _FEATURES = [
 _MEAN = {"nominal": PropagatorInfo.MEAN_NOMINAL, "estimated": PropagatorInfo.MEAN_ESTIMATED}
 
 
-_INTROSPECTION = {
-    "metadata": ServiceIntrospectionState.METADATA,
-    "contents": ServiceIntrospectionState.CONTENTS,
-}
-
-
-def introspect(service, server) -> None:
-    """Have a service publish events of its calls, as the parameter ``service_introspection`` says."""
-    if server.settings.service_introspection == "disabled":
-        return  # rclpy would create the publisher of events all the same
-    state = _INTROSPECTION[server.settings.service_introspection]
-    service.configure_introspection(server.node.get_clock(), qos_profile_services_default, state)
-
-
 class BackgroundService:
     """Service that computes and sends answers in a thread pool.
 
@@ -89,8 +75,7 @@ class BackgroundService:
     there, so that a single-threaded executor is enough. A multi-threaded executor wakes up two or three times
     in each request, which delays the computing thread.
 
-    `DeferredAnswerCheck` tests this by a call to the node itself. If rclpy does not behave this way, the
-    callback answers in the executor's thread.
+    An rclpy that did not do so would send an error as each answer.
     """
 
     def __init__(self, server, service_type, name, answer):
@@ -99,7 +84,12 @@ class BackgroundService:
         self._service = server.node.create_service(
             service_type, name, self._called, qos_profile=_QUEUE, callback_group=ReentrantCallbackGroup()
         )
-        introspect(self._service, server)
+        if (content := server.settings.service_introspection) != "disabled":
+            # otherwise rclpy would create the publisher of events all the same
+            state = getattr(ServiceIntrospectionState, content.upper())
+            self._service.configure_introspection(
+                server.node.get_clock(), qos_profile_services_default, state
+            )
         self._send = self._service.send_response
         self._service.send_response = self._returned
 
@@ -108,14 +98,9 @@ class BackgroundService:
         self._server.node.destroy_service(self._service)
 
     def _called(self, request, response):
-        """Handle a request; return the answer, or the response that `_returned` completes."""
-        supported = self._server.deferred_answers.supported
-        if supported is False:
-            if (afterwards := self._answer(request, response)) is not None:
-                afterwards()
-            return response
-        if supported is None and hasattr(response, "result"):  # rclpy may send it unchanged
-            write_error(response.result, NotActiveError("is just getting ready; ask again", field="the node"))
+        """Take a request; return the response that `_returned` completes."""
+        if hasattr(response, "result"):
+            write_error(response.result, _NOT_DEFERRED)
         self._asked[id(response)] = request
         return response
 
@@ -124,7 +109,6 @@ class BackgroundService:
         if (request := self._asked.pop(id(response), None)) is None:
             self._send(response, header)
             return
-        self._server.deferred_answers.supported = True
         if hasattr(response, "result"):
             response.result = Result()
         try:
@@ -144,65 +128,6 @@ class BackgroundService:
         except Exception:  # noqa: BLE001  (the client may be gone)
             if self._server.node.context.ok():
                 self._server.log.error(f"an answer was not sent:\n{traceback.format_exc()}")
-
-
-class DeferredAnswerCheck:
-    """Test, by a call to the node itself, of whether rclpy lets other threads answer requests.
-
-    Parameters
-    ----------
-    server : PredictionServer
-    service_type : type
-    name : str
-        Name of a `BackgroundService` that answers quickly.
-
-    Attributes
-    ----------
-    supported : bool or None
-        None until the answer arrives.
-    """
-
-    def __init__(self, server, service_type, name):
-        self.supported: bool | None = None
-        self._log, self._node, self._type = server.log, server.node, service_type
-        self._client: Any = self._node.create_client(service_type, name)
-        self._timer: Any = None
-
-    def begin(self):
-        """Call the service as soon as it is discovered; another thread may answer, so it must be complete."""
-        # a steady clock, as simulated time may stop
-        self._timer = self._node.create_timer(
-            _DISCOVERY_PERIOD, self._call, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
-
-    def _call(self):
-        if self._timer is not None and self._client.service_is_ready():
-            self._end_timer()
-            self._client.call_async(self._type.Request()).add_done_callback(self._answered)
-
-    def _answered(self, _):
-        if self.supported is None:
-            self.supported = False
-            self._log.warning(
-                "this version of rclpy does not defer answers: requests are answered one by one, in the"
-                " executor's thread"
-            )
-        self._end_client()
-
-    def _end_timer(self):
-        if self._timer is not None:
-            self._node.destroy_timer(self._timer)
-            self._timer = None
-
-    def _end_client(self):
-        if self._client is not None:
-            self._node.destroy_client(self._client)
-            self._client = None
-
-    def close(self):
-        """Stop the timer and the client."""
-        self._end_timer()
-        self._end_client()
 
 
 class CapabilitiesService(BackgroundService):

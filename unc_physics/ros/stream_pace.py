@@ -1,9 +1,10 @@
-"""Pace of a stream: how many rollouts its predictions have time for."""
+"""Pace of a stream: how many rollouts its predictions have time for, and which inputs it skips."""
 
 from __future__ import annotations
 
 import itertools
 import statistics
+import threading
 import time
 from collections import deque
 from dataclasses import replace
@@ -71,3 +72,49 @@ class Pace:
             self._level = next((k for k in lower if _SHARES[k] <= fitting), len(_SHARES) - 1)
         elif self._level and seconds * _SHARES[self._level - 1] / _SHARES[self._level] < _ROOM * limit:
             self._level -= 1
+
+
+class LatestWorker:
+    """Thread that processes the latest item; a new item replaces a waiting one.
+
+    Parameters
+    ----------
+    work : callable
+        Takes one item; must not raise.
+    replaced : callable
+        Called without arguments for each replaced item.
+    """
+
+    def __init__(self, work, replaced):
+        self._work, self._replaced = work, replaced
+        self._items = []
+        self._changed = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def put(self, item) -> None:
+        """Replace the waiting item."""
+        with self._changed:
+            late = bool(self._items)
+            self._items = [item]
+            self._changed.notify()
+        if late:
+            self._replaced()
+
+    def close(self) -> None:
+        """Wait until the current item is done; drop the waiting one."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _run(self):
+        while True:
+            with self._changed:
+                while not (self._items or self._closed):
+                    self._changed.wait()
+                if self._closed:
+                    return
+                item = self._items.pop()
+            self._work(item)

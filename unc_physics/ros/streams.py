@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import functools
+import threading
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import PoseWithCovariance, PoseWithCovarianceStamped, TransformStamped, Vector3
@@ -14,30 +19,100 @@ from std_msgs.msg import Header
 
 from unc_physics_msgs.msg import Prediction, PredictionRequest, Scene
 
-from ..checks.errors import PredictionTimeoutError
+from ..checks.errors import PredictionTimeoutError, UncPhysicsError
+from .detected import OVERRIDABLE, Detections, detection_subscriptions, settle_detected, subscribe, topic_name
 from .diagnostics import Problem, ThrottledWarnings
 from .markers import MarkerTopic, OccupancyTopics
-from .messages.clocks import stamp_age, stamp_problem
+from .messages.clocks import on_clock_jump, stamp_age, stamp_problem
 from .messages.fields import duration, seconds
 from .messages.prediction import write_answer
 from .messages.request import TimeLimits
 from .messages.scene import AllSkippedError
 from .parameters import Settings
-from .scene_topics import OVERRIDABLE, SceneTopics, prepared, topic_name
-from .stream_pace import Pace
+from .stream_pace import LatestWorker, Pace
 
 #: End of the names of frames of predicted and of tracked objects, after the object's id.
 PREDICTED, TRACKED = "_predicted", "_tracked"
+_WAITING = 16  # scenes that wait for a transform at a time
 _SAME_TIME = 1e-6  # s
 _SHORTEST = 1e-3  # s, time limit of a scene that is nearly too old
 _SEED = 1  # equal for all scenes, so that equal scenes have equal predictions
 
 
+class StreamedScene(NamedTuple):
+    """Input of a stream.
+
+    Attributes
+    ----------
+    scene : Scene
+        In the frame of its header.
+    source : _Source
+    skipped : dict of str
+        Reasons of omitted objects, by id.
+    problem : UncPhysicsError or None
+        Reason why the scene cannot be predicted.
+    """
+
+    scene: Scene
+    source: _Source
+    skipped: Mapping[str, str]
+    problem: UncPhysicsError | None = None
+
+
+class _Source:
+    """Source of scenes with a thread of its own.
+
+    Scenes wait for their transforms in other threads, so that none holds up a later one.
+
+    Parameters
+    ----------
+    stream : Stream
+    detected : bool
+        Whether its objects were detected, so that supports decide which of them are at rest.
+    """
+
+    def __init__(self, stream: Stream, detected: bool):
+        self.pace, self.detected, self._stream = Pace(), detected, stream
+        self.worker = LatestWorker(stream.work, stream.replaced)
+        self._lock, self._arrived, self._passed = threading.Lock(), 0, 0
+
+    def put(self, scene: Scene, skipped: Mapping[str, str] = MappingProxyType({})) -> None:
+        """Pass on a scene once its transform is there, unless a later one is faster."""
+        self.pace.arrived()
+        self._arrived += 1
+        streamed = StreamedScene(scene, self, skipped)
+        if self._stream.server.frames.is_world(scene.header.frame_id):
+            self._pass(streamed, self._arrived)
+        else:
+            with contextlib.suppress(RuntimeError):  # the node is closing
+                self._stream.waiting.submit(self._wait, streamed, self._arrived)
+
+    def _wait(self, streamed, number):
+        header = streamed.scene.header
+        try:
+            self._stream.server.frames.to_world(header, "header" if self.detected else "scene.header")
+        except UncPhysicsError as error:
+            streamed = streamed._replace(problem=error)
+        self._pass(streamed, number)
+
+    def _pass(self, streamed, number):
+        with self._lock:
+            late = number < self._passed
+            if not late:
+                self._passed = number
+                self.worker.put(streamed)
+        if late:
+            self._stream.replaced()
+
+
 class Stream:
-    """Predictions of each scene from ``~/scene``, from trackers, or from detectors."""
+    """Predictions of each scene from ``~/scene``, from trackers, or from detectors.
+
+    A jump of the clock back, as of a bag that starts again, empties the transforms.
+    """
 
     def __init__(self, server):
-        self._server = server
+        self.server = server
         self._warn = ThrottledWarnings(server.log)
         node = server.node
         self._predictions = node.create_publisher(
@@ -47,32 +122,71 @@ class Stream:
         self._markers = MarkerTopic(server, "~/stream_markers")
         self._occupancy = OccupancyTopics(server)
         self._poses = {}
-        self._topics = SceneTopics(
-            node, server.parameters, server.library, server.frames, self._work, self._replaced
-        )
+        self.waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
+        self._single: dict[str, Detections] = {}  # newest detection of each object's own topic
+        self._sources = [_Source(self, detected=False)]
+        self._subscriptions = [subscribe(node, Scene, "~/scene", self._sources[0].put)]
+        if not server.settings.track:
+            self._sources += [_Source(self, detected=True), _Source(self, detected=True)]
+            self._subscriptions += detection_subscriptions(server, self._of_one, self._of_many, depth=1)
+        self._jumps = on_clock_jump(node, self._jumped)
 
     @property
     def is_wanted(self) -> bool:
         """Whether anybody receives predictions."""
-        settings = self._server.settings
+        settings = self.server.settings
         topics = self._predictions, self._markers, self._occupancy
         own = any(topic.get_subscription_count() for topic in topics)
         return own or settings.publish_tf or any(settings.pose_objects)
 
     def close(self):
         """Withdraw the topics."""
-        node = self._server.node
-        self._topics.close()
+        node = self.server.node
+        self._jumps.unregister()
+        for subscription in self._subscriptions:
+            node.destroy_subscription(subscription)
+        self.waiting.shutdown(wait=False, cancel_futures=True)
+        for source in self._sources:
+            source.worker.close()
         for publisher in (self._predictions, *self._poses.values()):
             node.destroy_publisher(publisher)
         self._markers.close()
         self._occupancy.close()
         self._transforms.close()
 
-    def _work(self, streamed):
+    def _jumped(self, _):
+        """Forget what belongs to the time before a jump of the clock."""
+        self.server.log.warning("the clock changed or jumped back: transforms and streams start anew")
+        self.server.frames.clear()
+        self._single.clear()
+        for source in self._sources:
+            source.pace.reset()
+
+    def _of_one(self, found):
+        """Pass on the scene of all objects with topics of their own, as they are now."""
+        node, settings, header = self.server.node, self.server.settings, found.header
+        self._single[found.objects[0].id] = found
+        objects = [
+            own
+            for other in self._single.values()
+            if other is found
+            or (
+                other.header.frame_id == header.frame_id
+                and stamp_problem(node, other.header.stamp, settings) is None
+            )
+            for own in other.objects
+        ]
+        # marked as at rest or not for this scene alone
+        self._sources[1].put(Scene(header=header, objects=copy.deepcopy(objects)))
+
+    def _of_many(self, found):
+        """Pass on the scene of all detections."""
+        self._sources[2].put(Scene(header=found.header, objects=found.objects), found.skipped)
+
+    def work(self, streamed: StreamedScene) -> None:
         """Predict a scene."""
-        self._server.diagnostics.predictions.heard()
-        self.keep_pace(streamed.pace, functools.partial(self._predict, streamed))
+        self.server.diagnostics.predictions.heard()
+        self.keep_pace(streamed.source.pace, functools.partial(self._predict, streamed))
 
     def keep_pace(self, pace: Pace, predict: Callable[[float | None], bool]) -> float:
         """Predict an input, and adapt the rollouts of later ones to the time that it takes.
@@ -80,8 +194,8 @@ class Stream:
         ``predict`` takes the limit of that time [s], or None, and returns whether it published a prediction.
         Returns how much longer it took than twice the limit, by default the time between inputs [s].
         """
-        began, counts = time.perf_counter(), self._server.diagnostics.predictions
-        limit = pace.limit(self._server.settings.stream_time_budget)
+        began, counts = time.perf_counter(), self.server.diagnostics.predictions
+        limit = pace.limit(self.server.settings.stream_time_budget)
         published = predict(limit)
         took = time.perf_counter() - began
         pace.took(took, limit)
@@ -92,28 +206,27 @@ class Stream:
             )
         return took if limit is None else max(0.0, took - 2.0 * limit)
 
-    def _replaced(self):
-        self._server.diagnostics.predictions.add("replaced inputs")
+    def replaced(self) -> None:
+        """Count a scene that a newer one replaced."""
+        self.server.diagnostics.predictions.add("replaced inputs")
 
     def _predict(self, streamed, limit):
         """Predict a scene and publish the result; errors go to the log and the diagnostics.
 
         Returns whether a prediction was published.
         """
-        server, settings, header = self._server, self._server.settings, streamed.scene.header
-        published = False
+        server, settings, header = self.server, self.server.settings, streamed.scene.header
+        counts = server.diagnostics.predictions
         with server.errors_to(lambda problem: self._warn("failed", f"a scene was not predicted: {problem}")):
             if (reason := stamp_problem(server.node, header.stamp, settings)) is not None:
-                counts = server.diagnostics.predictions
                 counts.warn(f"dropped inputs: {reason}")
                 counts.add("dropped inputs")
                 self._warn("dropped", f"a scene was dropped: {reason}")
                 return False
-            scene, skipped = prepared(streamed, server.frames, server.environment, server.library, settings)
-            message = Prediction()
+            scene, skipped = self._prepared(streamed, settings)
             if self._is_over(header.stamp):
                 return False
-            job = None
+            message, job = Prediction(), None
             try:
                 if scene.objects:
                     job = self._job(streamed, scene, limit, settings)
@@ -132,21 +245,38 @@ class Stream:
                 message.skipped = [KeyValue(key=name, value=reason) for name, reason in skipped.items()]
             if not self._is_over(header.stamp):
                 self.publish(message, job)
-                published = True
-        return published
+                return True
+        return False
+
+    def _prepared(self, streamed, settings):
+        """Return a scene to predict, and the reasons of objects left out by their ids.
+
+        Detected objects are transformed to the world frame, and marked as at rest where they stand.
+        """
+        if streamed.problem is not None:
+            raise streamed.problem
+        scene, server = streamed.scene, self.server
+        if not streamed.source.detected or not scene.objects:
+            return scene, dict(streamed.skipped)
+        server.environment.check_set(settings, "detected")
+        if (transform := server.frames.to_world(scene.header, "header")) is not None:
+            scene = transform.moved(scene)
+            scene.header = Header(stamp=scene.header.stamp)
+        scene, skipped = settle_detected(scene, server.environment.message, server.library, settings)
+        return scene, {name: omission.reason for name, omission in skipped.items()} | dict(streamed.skipped)
 
     def _job(self, streamed, scene, limit, settings):
         """Return the job of a scene, with the rollouts and the time that the stream leaves it."""
-        server = self._server
+        server = self.server
         allowed, age = settings.max_computation_time, stamp_age(server.node, scene.header.stamp)
         if age is not None:  # its horizon must not pass meanwhile
             allowed = min(allowed, max(settings.horizons) - age)
         job = server.read(request_of(scene, settings), limits=TimeLimits(max(allowed, _SHORTEST)))
-        return replace(job, propagator=streamed.pace.adapted(job.propagator, limit))
+        return replace(job, propagator=streamed.source.pace.adapted(job.propagator, limit))
 
     def publish(self, message, job) -> None:
         """Publish a prediction, with poses, markers and occupancy; ``job`` is None if it is empty."""
-        server, settings = self._server, self._server.settings
+        server, settings = self.server, self.server.settings
         self._predictions.publish(message)
         if job is not None:
             self._publish_poses(message, settings)
@@ -163,10 +293,10 @@ class Stream:
 
     def _is_over(self, stamp):
         """Return whether the last horizon has passed, and record it."""
-        age, last = stamp_age(self._server.node, stamp), max(self._server.settings.horizons)
+        age, last = stamp_age(self.server.node, stamp), max(self.server.settings.horizons)
         if age is None or age <= last:
             return False
-        counts = self._server.diagnostics.predictions
+        counts = self.server.diagnostics.predictions
         counts.add("expired predictions")
         counts.warn("late: the last horizon of a prediction had passed", Problem.LATE)
         self._warn(
@@ -192,7 +322,7 @@ class Stream:
     def _pose_publisher(self, name):
         if name not in self._poses:
             topic = f"~/predicted_pose/{topic_name(name)}"
-            self._poses[name] = self._server.node.create_publisher(PoseWithCovarianceStamped, topic, 1)
+            self._poses[name] = self.server.node.create_publisher(PoseWithCovarianceStamped, topic, 1)
         return self._poses[name]
 
 

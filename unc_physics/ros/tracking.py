@@ -23,16 +23,15 @@ from ..prediction.prediction import Prediction as CorePrediction
 from ..prediction.request_checks import marks_of
 from ..scene.belief import Belief
 from ..scene.scene import Scene
-from .detected import Detection3DArray, Detections
+from .detected import Detection3DArray, Detections, detection_subscriptions
 from .diagnostics import Problem, ThrottledWarnings
 from .messages.clocks import on_clock_jump, stamp_age, stamp_problem
 from .messages.fields import nanoseconds, seconds, stamp_of
 from .messages.prediction import write_answer
 from .messages.request import RequestedOutputs, limited_regions, read_horizon, read_marks
 from .node_environment import HOW_TO_SET
-from .scene_topics import DetectionTopics, LatestWorker
 from .services import BackgroundService
-from .stream_pace import Pace
+from .stream_pace import LatestWorker, Pace
 from .streams import TRACKED, TransformTopic
 from .tracks import MEMBERS, Tracks
 
@@ -82,11 +81,8 @@ class Tracking:
         ]
         if Detection3DArray is None:
             server.log.warning("vision_msgs is not installed: there is no topic ~/detections")
-        detections = DetectionTopics(
-            node, server.parameters, server.library, self._receive, self._receive, _DEPTH
-        )
         self._subscriptions = [
-            *detections.subscriptions,
+            *detection_subscriptions(server, self._receive, self._receive, _DEPTH),
             node.create_subscription(ActionArray, ACTIONS, self._acted, _DEPTH),
         ]
         # a steady clock, as simulated time may stop
@@ -238,7 +234,7 @@ class Tracking:
     def _correct(self, observation, transform, settings):
         objects = observation.objects
         if transform is not None:
-            objects = [transform.object(own) for own in objects]
+            objects = transform.moved(objects)
         stamp, counts = nanoseconds(observation.header.stamp), self._counts
         with self._lock:
             found = self._tracks.observe(stamp, objects, observation.named, settings)
@@ -268,8 +264,7 @@ class Tracking:
     def _act(self, message, transform, settings):
         objects, actions = message.objects, message.actions
         if transform is not None:
-            objects = [transform.object(own) for own in objects]
-            actions = [transform.action(own) for own in actions]
+            objects, actions = transform.moved(objects), transform.moved(actions)
         with self._lock:
             self._tracks.act(nanoseconds(message.header.stamp), objects, actions, settings)
 

@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import copy
 import importlib.util
+import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from geometry_msgs.msg import Pose, Twist, Wrench
+from geometry_msgs.msg import Transform as TransformMessage
 from rclpy.duration import Duration
 from rclpy.time import Time
-
-from unc_physics_msgs.msg import Environment, Scene
 
 from ...checks.errors import UncPhysicsError, UnknownFrameError
 from ...checks.validation import array, quaternion
 from ...spatial.rotation import multiply, rotation_matrix
 from .clocks import both_clocks
 from .covariances import UNKNOWN
-from .fields import packed, pose_message, xyz, xyzw
+from .fields import packed, pose_message, quaternion_message, xyz, xyzw
+
+#: Parts of messages that move with a frame, and those of vectors that turn with it.
+_PLACES = {Pose: ("position", "orientation"), TransformMessage: ("translation", "rotation")}
+_VECTORS = {Twist: ("linear", "angular"), Wrench: ("force", "torque")}
+#: Packages whose messages have such parts, and names of covariances in these.
+_PACKAGES = "unc_physics_msgs", "geometry_msgs", "trajectory_msgs"
+_COVARIANCES = "covariance", "data"
 
 
 class Frames:
@@ -105,7 +113,7 @@ class Frames:
 
 
 class Transform(NamedTuple):
-    """Transform between two fixed frames; its methods return transformed copies of messages.
+    """Transform between two fixed frames.
 
     Attributes
     ----------
@@ -147,88 +155,47 @@ class Transform(NamedTuple):
         translation = self.R @ other.translation + self.translation
         return Transform(self.R @ other.R, translation, multiply(self.q, other.q))
 
-    def scene(self, message):
-        """Return a Scene in the other frame; its header and the shared pose error do not change."""
-        return Scene(
-            header=message.header,
-            objects=[self.object(state) for state in message.objects],
-            environment=self.environment(message.environment),
-            pairs=message.pairs,
-            common_pose_std=message.common_pose_std,
-            common_pose_origin=message.common_pose_origin,
-            joint_covariance=self.joint_covariance(message.joint_covariance),
-        )
-
-    def object(self, message):
-        """Return an ObjectState in the other frame.
+    def moved(self, message: Any) -> Any:
+        """Return a copy of a message, or of a list of them, in the other frame.
 
         Notes
         -----
-        Covariances are about fixed axes, so all blocks of pose and twist are rotated:
-        ``diag(R, R) C diag(R, R)^T``. Unknown covariances stay unknown.
+        Poses, twists and wrenches are moved, wherever they are in it, but for wrenches along the axes of a
+        body. Covariances are about fixed axes, so all their blocks are rotated:
+        ``diag(R, ...) C diag(R, ...)^T``. Unknown covariances stay unknown. Shared pose errors and shapes do
+        not change.
         """
-        result = copy.deepcopy(message)
-        self._move(result.pose.pose)
-        _rotate(result.twist.twist.linear, self.R)
-        _rotate(result.twist.twist.angular, self.R)
-        for part in (result.pose, result.twist):
-            if part.covariance[0] != UNKNOWN:
-                part.covariance = self._rotated(part.covariance, 2)
-        result.covariance = packed(self._rotated(result.covariance, 4))
-        return result
+        kind = type(message)
+        if kind is list:
+            return [self.moved(part) for part in message]
+        if kind in _PLACES:
+            point, turn = _PLACES[kind]
+            q = quaternion_message(multiply(self.q, xyzw(getattr(message, turn))))
+            return kind(**{point: _turned(getattr(message, point), self.R, self.translation), turn: q})
+        if kind in _VECTORS:
+            return kind(**{name: _turned(getattr(message, name), self.R) for name in _VECTORS[kind]})
+        if kind.__module__.partition(".")[0] not in _PACKAGES:
+            return message
+        found = copy.copy(message)
+        for name in message.get_fields_and_field_types():
+            value = getattr(message, name)
+            if name in _COVARIANCES:
+                setattr(found, name, self._rotated(value))
+            elif not (name == "wrench" and message.body_axes):
+                setattr(found, name, self.moved(value))
+        return found
 
-    def action(self, message):
-        """Return an Action in the other frame."""
-        result = copy.deepcopy(message)
-        for point in result.trajectory.points:
-            for place in point.transforms:
-                _rotate(place.translation, self.R, self.translation)
-                q = place.rotation
-                q.x, q.y, q.z, q.w = multiply(self.q, xyzw(q))
-            for twist in point.velocities:
-                _rotate(twist.linear, self.R)
-                _rotate(twist.angular, self.R)
-        if not result.body_axes:
-            _rotate(result.wrench.force, self.R)
-            _rotate(result.wrench.torque, self.R)
-        return result
-
-    def joint_covariance(self, message):
-        """Return a JointCovariance in the other frame."""
-        result = copy.deepcopy(message)
-        result.data = packed(self._rotated(result.data, 4 * len(message.object_ids)))
-        return result
-
-    def _rotated(self, entries, count):
-        """Return the rotated entries of a covariance of ``count`` vectors; keep other sizes unchanged."""
-        size = 3 * count
-        if len(entries) != size**2:
+    def _rotated(self, entries):
+        """Return the rotated entries of a covariance of vectors; keep unknown ones and other sizes."""
+        count, rest = divmod(math.isqrt(len(entries)), 3)
+        if rest or (3 * count) ** 2 != len(entries) or (count and entries[0] == UNKNOWN):
             return entries
         C = np.reshape(entries, (count, 3, count, 3))
-        return np.einsum("ab,ibjc,dc->iajd", self.R, C, self.R, optimize=True).ravel()
-
-    def environment(self, message):
-        """Return an Environment in the other frame."""
-        # copied separately, as elements may share a pose
-        elements = [copy.deepcopy(element) for element in message.elements]
-        for element in elements:
-            self._move(element.pose)
-            _rotate(element.surface_velocity.linear, self.R)
-            _rotate(element.surface_velocity.angular, self.R)
-        return Environment(elements=elements, complete=message.complete)
-
-    def region(self, message):
-        """Return a BoxRegion in the other frame."""
-        result = copy.deepcopy(message)
-        self._move(result.pose)
-        return result
-
-    def _move(self, pose):
-        _rotate(pose.position, self.R, self.translation)
-        q = pose.orientation
-        q.x, q.y, q.z, q.w = multiply(self.q, xyzw(q))
+        C = np.einsum("ab,ibjc,dc->iajd", self.R, C, self.R, optimize=True).ravel()
+        return C if isinstance(entries, np.ndarray) else packed(C)
 
 
-def _rotate(vector, R, translation=(0.0, 0.0, 0.0)):
-    x, y, z = (R @ [vector.x, vector.y, vector.z] + translation).tolist()
-    vector.x, vector.y, vector.z = x, y, z
+def _turned(vector, R, translation=(0.0, 0.0, 0.0)):
+    """Return a rotated Vector3, or a moved Point."""
+    x, y, z = (R @ xyz(vector) + translation).tolist()
+    return type(vector)(x=x, y=y, z=z)

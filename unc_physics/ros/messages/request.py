@@ -240,12 +240,10 @@ def read_request(
     UncPhysicsError
         A subclass that names field and value.
     """
-    message, actions, regions = request.scene, request.actions, request.regions
-    transform = frames.to_world(message.header)
+    transform = frames.to_world(request.scene.header)
     if transform is not None:
-        message = transform.scene(message)
-        actions = [transform.action(action) for action in actions]
-        regions = [transform.region(region) for region in regions]
+        request = transform.moved(request)
+    message = request.scene
     horizon = read_horizon(request.horizon, settings)
     options = _options(request.propagator_options)
     name = _add_targets(options, request)
@@ -259,7 +257,7 @@ def read_request(
         read_physics(request.physics, settings.physics),
         settings.covariance_defaults,
         settings.max_objects,
-        actions=actions,
+        actions=request.actions,
         environment=environment_of(message),
         fields=fields,
         skip_invalid_objects=request.skip_invalid_objects,
@@ -274,7 +272,7 @@ def read_request(
         marks=read_marks(request, horizon, read.scene, settings),
         seed=getattr(propagator, "seed", seed or 0),
         max_computation_time=_computation_time(request.max_computation_time, limits.limit, asked_time),
-        regions=limited_regions(regions, settings),
+        regions=limited_regions(request.regions, settings),
         return_samples=request.return_samples,
         outputs=RequestedOutputs.read(request),
         zeros_replaced=read.zeros_replaced,
