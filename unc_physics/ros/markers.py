@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import itertools
 import math
 from typing import Any
 
@@ -17,12 +18,10 @@ from shape_msgs.msg import SolidPrimitive
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from ..checks.errors import NotSupportedError
 from ..plots.palette import body_color
-from ..scene.environment import Box, Capsule, Cylinder, Plane, Sphere, element_names
+from ..scene.environment import Box, Capsule, Plane, Sphere, element_names
 from ..shapes.packing_file import SpherePacking
-from ..spatial.layout import POSITION, QUATERNION
-from ..spatial.rotation import rotation_matrix
+from ..spatial.rotation import exp_vectors, rotate_vectors, rotation_matrix
 from .messages.fields import duration, packed, point_message, pose_message, xyz, xyzw
 
 _SIGMAS = 2.0  # half axes of ellipsoids and fans
@@ -133,10 +132,9 @@ def markers(header, job, answer, settings) -> MarkerArray:
     found = [Marker(action=Marker.DELETEALL)]
     lifetime = duration(settings.marker_lifetime)
     for k, (body, predicted) in enumerate(zip(job.scene.bodies, answer.objects, strict=True)):
-        last = predicted.states[-1].pose
         for kind in settings.markers:
             if kind != _OF_ENVIRONMENT and (body.free or kind not in _OF_UNCERTAINTY):
-                marker = _marker(kind, job, k, last, body_color(k, body.fixed))
+                marker = _marker(kind, body.model, predicted, body_color(k, body.fixed))
                 marker.ns = f"{kind} {body.name}"
                 found.append(marker)
     if _OF_ENVIRONMENT in settings.markers:
@@ -152,40 +150,21 @@ def markers(header, job, answer, settings) -> MarkerArray:
     return MarkerArray(markers=found)
 
 
-@functools.singledispatch
 def _solids(element) -> list[Marker]:
     """Return the markers of an element of the environment."""
-    raise NotSupportedError("has no marker", field="environment", value=type(element).__name__)
-
-
-@_solids.register
-def _(element: Plane):
-    """Draw a slab below the surface, near the frame's origin."""
-    side, thickness = _SLAB
-    return [_solid(Marker.CUBE, (side, side, thickness), element, (0.0, 0.0, -0.5 * thickness))]
-
-
-@_solids.register
-def _(element: Box):
-    return [_solid(Marker.CUBE, element.size.tolist(), element)]
-
-
-@_solids.register
-def _(element: Sphere):
-    return [_solid(Marker.SPHERE, (2.0 * element.radius,) * 3, element)]
-
-
-@_solids.register
-def _(element: Cylinder):
-    return [_solid(Marker.CYLINDER, (2.0 * element.radius, 2.0 * element.radius, element.length), element)]
-
-
-@_solids.register
-def _(element: Capsule):
-    """Draw a cylinder with a ball at each end, as no marker has this shape."""
-    width, end = 2.0 * element.radius, 0.5 * element.length
-    balls = [_solid(Marker.SPHERE, (width,) * 3, element, (0.0, 0.0, z)) for z in (-end, end)]
-    return [_solid(Marker.CYLINDER, (width, width, element.length), element), *balls]
+    if isinstance(element, Plane):  # a slab below the surface, near the frame's origin
+        side, thickness = _SLAB
+        return [_solid(Marker.CUBE, (side, side, thickness), element, (0.0, 0.0, -0.5 * thickness))]
+    if isinstance(element, Box):
+        return [_solid(Marker.CUBE, element.size.tolist(), element)]
+    width = 2.0 * element.radius
+    if isinstance(element, Sphere):
+        return [_solid(Marker.SPHERE, (width,) * 3, element)]
+    found = [_solid(Marker.CYLINDER, (width, width, element.length), element)]
+    if isinstance(element, Capsule):  # with a ball at each end, as no marker has this shape
+        end = 0.5 * element.length
+        found += [_solid(Marker.SPHERE, (width,) * 3, element, (0.0, 0.0, z)) for z in (-end, end)]
+    return found
 
 
 def _solid(kind, size, element, center=(0.0, 0.0, 0.0)):
@@ -195,22 +174,14 @@ def _solid(kind, size, element, center=(0.0, 0.0, 0.0)):
     return _placed(marker, element.position + element.rotation @ center, _quaternion(element.rotation))
 
 
-def _marker(kind, job, k, last, color):
-    """Return one marker of object k, from its last pose with covariance."""
-    model = job.scene.bodies[k].model
+def _marker(kind, model, predicted, color):
+    """Return one marker of an object, from its start or its last pose with covariance."""
+    last = predicted.states[-1].pose
     if kind == "initial":
-        return _shape(model, *_initial_pose(job, k), color, 0.3)
+        return _shape(model, *_pose(predicted.start.pose), color, 0.3)
     if kind == "predicted":
         return _shape(model, *_pose(last.pose), color, 0.9)
     return _ellipsoid(last, color) if kind == "ellipsoid" else _fans(model, last)
-
-
-def _initial_pose(job, k):
-    """Return position and quaternion of the model's origin at the start."""
-    state = job.belief.mean[k]
-    return state[POSITION] + rotation_matrix(state[QUATERNION]) @ job.scene.bodies[k].model.origin, state[
-        QUATERNION
-    ]
 
 
 def _pose(pose):
@@ -238,11 +209,7 @@ def _surface_cells(model):
     high = (model.centers + model.radii[:, None]).max(axis=0)
     size = float((high - low).max() / _CELLS)
     shape = np.maximum(np.ceil((high - low) / size).astype(int), 1)
-    centers = (
-        np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), axis=-1) * size
-        + low
-        + 0.5 * size
-    )
+    centers = np.moveaxis(np.indices(shape), 0, -1) * size + low + 0.5 * size
     filled = np.zeros(shape, bool)
     for center, radius in zip(model.centers[:_SPHERES], model.radii[:_SPHERES], strict=True):
         filled |= np.sum((centers - center) ** 2, axis=-1) < (radius + 0.5 * size) ** 2
@@ -280,20 +247,13 @@ def _fans(model, pose):
         ends = [arm]
         for variance, direction in zip(variances, directions.T, strict=True):
             tilt = _SIGMAS * np.sqrt(max(variance, 0.0)) * direction
-            ends += [_rotated(arm, tilt), _rotated(arm, -tilt)]
+            ends += [rotate_vectors(exp_vectors(sign * tilt), arm) for sign in (1.0, -1.0)]
         for end in ends:
             for point in (position, position + end):
                 points.append(point_message(point))
                 colors.append(_color(_AXES[axis], 0.9))
     marker.points, marker.colors = points, colors
     return _placed(marker, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
-
-
-def _rotated(v, rotation_vector):
-    """Return a vector rotated by a rotation vector."""
-    angle = np.linalg.norm(rotation_vector)
-    half = rotation_vector * (0.5 if angle < 1e-9 else np.sin(0.5 * angle) / angle)
-    return rotation_matrix(np.append(half, np.cos(0.5 * angle))) @ v
 
 
 def _quaternion(R):
@@ -377,9 +337,7 @@ def occupied_box(
     """
     low, high = model.bounds - model.origin
     R = rotation_matrix(np.array(xyzw(pose.orientation)))
-    corners = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
     arms, radius = corners @ R.T, ellipsoid_radius(probability)
     moved = np.zeros(3)
     for axis in range(3):

@@ -30,52 +30,37 @@ _EVERYDAY = PRESETS["everyday"]
 AXES = "x", "y", "z"
 #: Points of a model's box that a detection's pose may be about.
 BASE, CENTER = "base", "center"
-#: Forms of the entries of lists.
-_ENTRIES = {
-    "class_models": re.compile(r"[^=]+=[^=@]+(@(base|center))?"),
-    "observed_objects": re.compile(r"[^=]+(=[^=]+)?"),
-    "symmetric_models": re.compile(r"[^:]+(:[xyz])?"),
-}
+#: Pattern of the entries of lists, and the same in words.
 _FORMS = {
-    "class_models": "CLASS=MODEL, CLASS=MODEL@base or CLASS=MODEL@center",
-    "observed_objects": "ID or ID=CLASS",
-    "symmetric_models": "MODEL, or MODEL:x, MODEL:y or MODEL:z",
+    "class_models": (r"[^=]+=[^=@]+(@(base|center))?", "CLASS=MODEL, CLASS=MODEL@base or CLASS=MODEL@center"),
+    "observed_objects": (r"[^=]+(=[^=]+)?", "ID or ID=CLASS"),
+    "symmetric_models": (r"[^:]+(:[xyz])?", "MODEL, or MODEL:x, MODEL:y or MODEL:z"),
 }
-
-
-_GONE = "was removed in version 0.3: "
-_PHYSICS_GONE = _GONE + "set it in 'physics' of a request"
-_LIMIT_GONE = _GONE + "the limits are max_horizon, max_objects, max_memory and max_computation_time"
 #: Parameters of earlier versions, and what to do instead.
 _REMOVED = {
-    **dict.fromkeys(("damping", "gyroscopic", "integrator", "overlap", "sleep", "stiffness"), _PHYSICS_GONE),
-    **dict.fromkeys(
+    name: f"was removed in version 0.3: {instead}"
+    for names, instead in (
+        ("damping gyroscopic integrator overlap sleep stiffness", "set it in 'physics' of a request"),
         (
-            "max_candidates",
-            "max_elements",
-            "max_long_computation_time",
-            "max_long_predictions",
-            "max_regions",
-            "max_response_bytes",
-            "max_return_samples",
-            "max_samples",
-            "max_spheres",
-            "max_states",
-            "max_steps",
+            "max_candidates max_elements max_long_computation_time max_long_predictions max_regions "
+            + "max_response_bytes max_return_samples max_samples max_spheres max_states max_steps",
+            "the limits are max_horizon, max_objects, max_memory and max_computation_time",
         ),
-        _LIMIT_GONE,
-    ),
-    "default_position_std": _GONE + "give both numbers of default_pose_std",
-    "default_orientation_std": _GONE + "give both numbers of default_pose_std",
-    "default_linear_velocity_std": _GONE + "give both numbers of default_twist_std",
-    "default_angular_velocity_std": _GONE + "give both numbers of default_twist_std",
-    "observed_models": _GONE + "write ID=MODEL in observed_objects",
-    "status_rollouts": _GONE + "leave it out",
-    "stream_max_computation_time": _GONE + "it is stream_time_budget",
-    "symmetry_axes": _GONE + "write MODEL:AXIS in symmetric_models",
-    "tracked_models": _GONE + "write ID=MODEL in observed_objects, and remap ~/observed/ID to the topic",
-    "tracked_topics": _GONE + "write ID=MODEL in observed_objects, and remap ~/observed/ID to the topic",
-    "tracking_members": _GONE + "leave it out",
+        ("default_position_std default_orientation_std", "give both numbers of default_pose_std"),
+        (
+            "default_linear_velocity_std default_angular_velocity_std",
+            "give both numbers of default_twist_std",
+        ),
+        ("observed_models", "write ID=MODEL in observed_objects"),
+        ("status_rollouts tracking_members", "leave it out"),
+        ("stream_max_computation_time", "it is stream_time_budget"),
+        ("symmetry_axes", "write MODEL:AXIS in symmetric_models"),
+        (
+            "tracked_models tracked_topics",
+            "write ID=MODEL in observed_objects, and remap ~/observed/ID to the topic",
+        ),
+    )
+    for name in names.split()
 }
 
 
@@ -93,9 +78,11 @@ class ClassModel(NamedTuple):
     origin: str = ""
 
 
-def parameter(default, description, *, low=None, high=None, choices=(), read_only=False):
-    """Return a field of `Settings` that is a ROS parameter; ranges include their ends."""
-    meta = {"description": description, "low": low, "high": high, "choices": choices, "read_only": read_only}
+def parameter(default, description, *, low=0.0, high=1e6, choices=(), read_only=False):
+    """Return a field of `Settings` that is a ROS parameter; ranges of numbers include their ends."""
+    is_number = isinstance(default, (int, float)) and not isinstance(default, bool)
+    limits = (low, high) if is_number else None
+    meta = {"description": description, "limits": limits, "choices": choices, "read_only": read_only}
     return field(default=default, metadata=meta)
 
 
@@ -141,7 +128,6 @@ class Settings:
     transform_timeout: float = parameter(
         0.2,
         "Longest time that a scene waits for a missing transform [s]; other scenes do not wait for it.",
-        low=0.0,
         high=60.0,
     )
 
@@ -150,8 +136,8 @@ class Settings:
     )
     dt: float = physics_key("dt", low=1e-6, high=1.0)
     gravity: tuple[float, ...] = physics_key("gravity")
-    friction: float = physics_key("friction", low=0.0, high=100.0)
-    restitution: float = physics_key("restitution", low=0.0, high=1.0)
+    friction: float = physics_key("friction", high=100.0)
+    restitution: float = physics_key("restitution", high=1.0)
     exact: bool = parameter(
         False,
         "Whether friction and restitution are certain, and impacts have no errors. Otherwise friction and"
@@ -180,7 +166,7 @@ class Settings:
         (0.05, 0.1), "Standard deviations of an unknown velocity [m/s] and angular velocity [rad/s]."
     )
 
-    max_horizon: float = parameter(60.0, "Maximum horizon of a request [s].", low=0.0, high=1e6)
+    max_horizon: float = parameter(60.0, "Maximum horizon of a request [s].")
     max_objects: int = parameter(
         200,
         "Maximum number of objects, of elements of an environment, of regions, and of candidates, each.",
@@ -188,24 +174,18 @@ class Settings:
         high=10_000,
     )
     max_memory: float = parameter(
-        512.0,
-        "Maximum memory of an answer and the rollouts that it is computed from [MB].",
-        low=1.0,
-        high=1e6,
+        512.0, "Maximum memory of an answer and the rollouts that it is computed from [MB].", low=1.0
     )
     max_computation_time: float = parameter(
         30.0,
         "Longest wall time of an answer by service [s]; requests may ask for less. Goals of the action take"
         " as long as they ask for.",
         low=1e-3,
-        high=1e6,
     )
     default_time_budget: float = parameter(
         1.0,
         f"Wall time after which {ANYTIME} adds no more rollouts to its first ones [s], in calls of ~/predict"
         " without wanted errors, time_budget and propagator_options; 0: none.",
-        low=0.0,
-        high=1e6,
     )
 
     horizons: tuple[float, ...] = parameter(
@@ -216,29 +196,22 @@ class Settings:
         0.0,
         "Wall time that a streamed scene is to take [s]; if one takes longer, later ones get fewer rollouts."
         " 0: half the time between inputs.",
-        low=0.0,
-        high=1e6,
     )
     stream_probabilities: bool = parameter(
         False, "Whether predictions of streamed scenes have probabilities of contact and rest."
     )
     max_input_age: float = parameter(
-        0.5, "Streamed scenes whose stamp is older are dropped [s]; 0 takes all.", low=0.0, high=1e6
+        0.5, "Streamed scenes whose stamp is older are dropped [s]; 0 takes all."
     )
     max_input_lead: float = parameter(
-        0.1,
-        "Streamed scenes whose stamp is farther in the future are dropped [s]; 0 takes all.",
-        low=0.0,
-        high=1e6,
+        0.1, "Streamed scenes whose stamp is farther in the future are dropped [s]; 0 takes all."
     )
     pose_objects: tuple[str, ...] = parameter(
         ("",),
         "Ids of streamed objects whose predicted pose is also published on a topic of its own, "
         "~/predicted_pose/ID, with _ in place of what a topic's name cannot hold.",
     )
-    pose_horizon: float = parameter(
-        1.0, "Which of the horizons those poses are predicted for [s].", low=0.0, high=1e6
-    )
+    pose_horizon: float = parameter(1.0, "Which of the horizons those poses are predicted for [s].")
     publish_tf: bool = parameter(
         False,
         "Whether the poses of all streamed objects at that horizon are published on /tf, too, as frames "
@@ -281,14 +254,10 @@ class Settings:
     association_distance: float = parameter(
         0.2,
         "Largest distance of an observation without an id from its object's expected position [m].",
-        low=0.0,
         high=1e3,
     )
     forget_after: float = parameter(
-        30.0,
-        "Time without accepted observations after which an object is forgotten [s]; 0: never.",
-        low=0.0,
-        high=1e6,
+        30.0, "Time without accepted observations after which an object is forgotten [s]; 0: never."
     )
     tracking_window: float = parameter(
         0.5, "Largest delay of an observation [s].", low=1e-3, high=60.0, read_only=True
@@ -304,7 +273,6 @@ class Settings:
     occupancy_probability: float = parameter(
         0.95,
         "Probability with which each box of ~/occupancy and ~/occupancy_scene contains its object.",
-        low=0.0,
         high=0.999999,
     )
 
@@ -322,10 +290,7 @@ class Settings:
         choices=("predicted", "initial", "ellipsoid", "rotation", "environment"),
     )
     marker_lifetime: float = parameter(
-        10.0,
-        "Duration for which markers are shown [s]; 0: until other markers replace them.",
-        low=0.0,
-        high=1e6,
+        10.0, "Duration for which markers are shown [s]; 0: until other markers replace them."
     )
 
     def __post_init__(self):
@@ -337,31 +302,30 @@ class Settings:
             choices = spec.metadata["choices"]
             if choices and not set(chosen) <= {*choices, *([""] if isinstance(value, tuple) else [])}:
                 raise InvalidOptionError(f"must be one of {', '.join(choices)}", field=spec.name, value=value)
-        for name in ("default_pose_std", "default_twist_std"):
-            value = getattr(self, name)
-            if len(value) != 2 or min(value) < 0.0:
-                raise InvalidOptionError("must have 2 numbers, at least 0", field=name, value=list(value))
-        if len(self.gravity) != 3:
-            raise InvalidOptionError("must have 3 numbers", field="gravity", value=list(self.gravity))
-        if not self.horizons or min(self.horizons) <= 0.0 or max(self.horizons) > self.max_horizon:
-            raise InvalidOptionError(
+        pairs = ((name, getattr(self, name)) for name in ("default_pose_std", "default_twist_std"))
+        for name, is_valid, problem in (
+            *(
+                (own, len(std) == 2 and min(std) >= 0.0, "must have 2 numbers, at least 0")
+                for own, std in pairs
+            ),
+            ("gravity", len(self.gravity) == 3, "must have 3 numbers"),
+            (
+                "horizons",
+                self.horizons and 0.0 < min(self.horizons) <= max(self.horizons) <= self.max_horizon,
                 f"must be above 0 and at most {self.max_horizon} s",
-                field="horizons",
-                value=list(self.horizons),
-            )
-        for name in ("class_models", "observed_objects", "symmetric_models"):
+            ),
+            ("planning_scene_topic", _is_topic(self.planning_scene_topic), "is no name of a topic"),
+            ("world_frame", self.world_frame, "must not be empty"),
+        ):
+            if not is_valid:
+                value = getattr(self, name)
+                raise InvalidOptionError(
+                    problem, field=name, value=list(value) if isinstance(value, tuple) else value
+                )
+        for name, (pattern, form) in _FORMS.items():
             for entry in filter(None, getattr(self, name)):
-                if not _ENTRIES[name].fullmatch(entry):
-                    raise InvalidOptionError(f"must be {_FORMS[name]}", field=name, value=entry)
-        try:
-            if self.planning_scene_topic:
-                validate_topic_name(self.planning_scene_topic)
-        except InvalidTopicNameException:
-            raise InvalidOptionError(
-                "is no name of a topic", field="planning_scene_topic", value=self.planning_scene_topic
-            ) from None
-        if not self.world_frame:
-            raise InvalidOptionError("must not be empty", field="world_frame")
+                if not re.fullmatch(pattern, entry):
+                    raise InvalidOptionError(f"must be {form}", field=name, value=entry)
 
     @functools.cached_property
     def covariance_defaults(self) -> CovarianceDefaults:
@@ -398,6 +362,13 @@ class Settings:
         return {model or last: last if model else AXES[-1] for model, _, last in parts}
 
 
+def _is_topic(name):
+    try:
+        return not name or validate_topic_name(name)
+    except InvalidTopicNameException:
+        return False
+
+
 def descriptor(spec: Field) -> ParameterDescriptor:
     """Return the descriptor of a parameter, which `ros2 param describe` shows."""
     meta = spec.metadata
@@ -406,13 +377,12 @@ def descriptor(spec: Field) -> ParameterDescriptor:
         read_only=meta["read_only"],
         additional_constraints=f"one of {', '.join(meta['choices'])}" if meta["choices"] else "",
     )
-    if meta["low"] is not None:
+    if meta["limits"]:
+        low, high = meta["limits"]
         if isinstance(spec.default, float):
-            result.floating_point_range = [
-                FloatingPointRange(from_value=float(meta["low"]), to_value=float(meta["high"]))
-            ]
+            result.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
         else:
-            result.integer_range = [IntegerRange(from_value=meta["low"], to_value=meta["high"])]
+            result.integer_range = [IntegerRange(from_value=low, to_value=high)]
     return result
 
 
@@ -478,7 +448,7 @@ def parameter_table() -> str:
         if meta["choices"]:
             allowed = ", ".join(meta["choices"])
         else:
-            allowed = "" if meta["low"] is None else f"{meta['low']:g} to {meta['high']:g}"
+            allowed = "{:g} to {:g}".format(*meta["limits"]) if meta["limits"] else ""
         name = f"`{spec.name}`" + (" (read-only)" if meta["read_only"] else "")
         lines.append(f"| {name} | `{_default(spec)}` | {allowed} | {meta['description']} |")
     return "\n".join(lines)
