@@ -9,7 +9,7 @@ from unc_physics_msgs.msg import Event
 def test_constants_have_the_keys_of_the_command_line():
     assert set(EVENT_ROWS) == set(EVENTS.values())
     for key, kind in EVENTS.items():
-        assert EVENT_ROWS[kind].kind == getattr(Event, key.upper())
+        assert EVENT_ROWS[kind][0] == getattr(Event, key.upper())
 
 
 def test_the_events_of_an_object_need_nothing_else():

@@ -18,6 +18,7 @@ from std_msgs.msg import Header
 from unc_physics import load_model
 from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.ros import request_of_planning_scene
+from unc_physics.ros.messages.frames import IDENTITY
 from unc_physics.ros.messages.planning_scene import PlanningWorld
 from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
@@ -133,7 +134,7 @@ def test_differences_of_a_planning_scene():
     world = PlanningWorld()
 
     def place(frame):
-        return ((0.0, 0.0, 1.0) if frame == "lifted" else (0.0, 0.0, 0.0)), (0.0, 0.0, 0.0, 1.0)
+        return IDENTITY._replace(translation=np.array([0.0, 0.0, float(frame == "lifted")]))
 
     for changed, expected in (
         (difference(block("table"), block("can", z=0.2), is_diff=False), {"table": 0.0, "can": 0.2}),

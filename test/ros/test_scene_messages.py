@@ -9,10 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from unc_physics.checks import errors
 from unc_physics.ros.messages import prediction
+from unc_physics.ros.messages.covariances import CovarianceDefaults
 from unc_physics.ros.messages.fields import duration, optional, read_duration, seconds
 from unc_physics.ros.messages.prediction import write_prediction, write_start
 from unc_physics.ros.messages.request import RequestedOutputs
-from unc_physics.ros.messages.scene import CovarianceDefaults, read_scene
+from unc_physics.ros.messages.scene import read_scene
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.scene.belief import Belief
 from unc_physics.spatial.layout import ERROR, VELOCITY

@@ -18,6 +18,7 @@ from ..checks.errors import InvalidEnvironmentError
 from ..scene.environment import element_names
 from ..scene.scene_file import load_environment
 from .messages.environment import element_id, read_environment, write_element
+from .messages.frames import IDENTITY
 from .messages.planning_scene import PlanningWorld
 from .services import LATCHED, BackgroundService
 
@@ -214,8 +215,5 @@ class EnvironmentTopics:
             self.publish()
 
     def _pose_of_frame(self, frame):
-        """Return position and quaternion of a frame in the world frame, by tf."""
-        transform = self._server.frames.to_world(Header(frame_id=frame))
-        if transform is None:
-            return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-        return transform.translation, transform.q
+        """Return the pose of a frame in the world frame, by tf."""
+        return self._server.frames.to_world(Header(frame_id=frame)) or IDENTITY

@@ -26,6 +26,7 @@ from ..prediction.prediction import Prediction
 from ..prediction.regions import BoxRegion
 from ..propagators.names import REFERENCE
 from ..propagators.registry import make_propagator
+from ..scene.actions import PosePath
 from ..scene.belief import Belief
 from ..scene.body import RigidBody
 from ..scene.body_belief import BodyBelief
@@ -55,7 +56,6 @@ from .messages.tracking import (
     ObservationRecord,
     before_first,
     check_path,
-    later_path,
     read_measurement,
     write_present,
     write_tracked,
@@ -143,7 +143,6 @@ class Tracks:
         self._change()
         self._epoch = self._stamp = self._observed = 0  # ns
         self._states: dict[str, ObjectState] = {}
-        self._models: dict[str, str] = {}  # of all bodies
         self._robots: dict[str, PrescribedObject] = {}
         self._seen: dict[str, ObservationRecord] = {}
         self._still: dict[str, np.ndarray] = {}  # first poses since an object moved, by id
@@ -241,7 +240,7 @@ class Tracks:
 
     def _watch_turning(self, name, measurement, settings, outcome):
         """Give one hint for a model that turns on the spot: it may look the same at every angle."""
-        model = self._models[name]
+        model = self._states[name].model
         if model in self._turning or model in settings.symmetries:
             return
         if measurement.covariance.diagonal()[3:].max() > 1.0:  # rad^2: its angle is not measured
@@ -283,7 +282,7 @@ class Tracks:
         grouped = group_actions(actions, {*given, *self._robots})
         for k, action in enumerate(actions):
             check_path(action, f"actions[{k}]")
-        robots: dict[str, tuple[PrescribedObject, str]] = {}
+        robots: dict[str, PrescribedObject] = {}
         for name, own in grouped.items():
             if name in self._states:
                 raise DuplicateIdError("is the id of a tracked object", field="actions", value=name)
@@ -297,11 +296,11 @@ class Tracks:
                 settings.max_objects,
                 actions=[own.trajectory[1]],
             )
-            robots[name] = PrescribedObject(state, read.scene.bodies[0], stamp), read.models[0]
+            robots[name] = PrescribedObject(state, read.scene.bodies[0], stamp)
         self._change()
-        for name, (robot, model) in robots.items():
+        for name, robot in robots.items():
             is_new = name not in self._robots
-            self._robots[name], self._models[name] = robot, model
+            self._robots[name] = robot
             if self._tracker is not None:
                 body = self._moved(robot)
                 if is_new:
@@ -332,7 +331,7 @@ class Tracks:
     def fork(self) -> Tracks:
         """Return a copy at the time of the newest belief, which shares nothing that changes."""
         other = copy.copy(self)
-        for name in ("_states", "_models", "_robots", "_seen", "_numbers"):
+        for name in ("_states", "_robots", "_seen", "_numbers"):
             setattr(other, name, dict(getattr(self, name)))
         other._memory, other._ahead, other._dropped = ObservationMemory(self._library), None, {}
         newest = self._tracker if self._ahead is None else self._ahead
@@ -354,12 +353,9 @@ class Tracks:
         """Return the tracked objects of a fork."""
         if self._tracker is None:
             return []
-        found = write_tracked(
-            self._tracker.scene, self._tracker.belief(), self._tracker.statuses(), self._seen
-        )
-        for message in found:
-            message.model = self._models[message.id]
-        return found
+        tracker = self._tracker
+        models = {name: own.model for name, own in self._states.items()}
+        return write_tracked(tracker.scene, tracker.belief(), tracker.statuses(), models, self._seen)
 
     def predict(
         self,
@@ -388,10 +384,11 @@ class Tracks:
         UncPhysicsError
         """
         scene = self.scene
+        given = {body.name: ObjectState() for body in scene.bodies} | self._given  # elements are bodies, too
         job = Job(
             scene=scene,
             belief=self._tracker.belief(),
-            models=tuple(self._models[body.name] for body in scene.bodies),
+            models=tuple(given[body.name].model or body.model.name for body in scene.bodies),
             propagator=propagator,
             marks=marks,
             seed=MEMBERS.seed,
@@ -416,6 +413,11 @@ class Tracks:
                 "holds no objects: none was observed, or all are forgotten", field="the tracker"
             )
         return self._tracker.scene
+
+    @property
+    def _given(self):
+        """Objects and prescribed objects as they were given, by id."""
+        return self._states | {name: robot.state for name, robot in self._robots.items()}
 
     def motions(self, name: str) -> list[tuple[Scene, Belief]]:
         """Return the scene and the belief of a fork for each motion that is possible.
@@ -448,7 +450,7 @@ class Tracks:
     def scene_message(self) -> tuple[SceneMessage, list[Action]]:
         """Return the scene of a fork with its belief, and the paths from its time on."""
         scene, belief = self.scene, self._tracker.belief()
-        given = self._states | {name: robot.state for name, robot in self._robots.items()}
+        given = self._given
         found = [
             write_present(given[body.name], body, belief.mean[b], belief.marginal(b), self._tracker.time)
             for b, body in enumerate(scene.bodies)
@@ -536,7 +538,7 @@ class Tracks:
         for row, b in enumerate(scene.moving.tolist()):
             if (name := scene.bodies[b].name) in names:
                 P = there.blocks[row][OF_POSITION, OF_POSITION]
-                found[name] = Place(self._models[name], there.mean[b, POSITION], P)
+                found[name] = Place(self._states[name].model, there.mean[b, POSITION], P)
         return found
 
     def _new_name(self, model, given, born):
@@ -555,7 +557,9 @@ class Tracks:
         return 1e-9 * (stamp - self._epoch)
 
     def _moved(self, robot):
-        return later_path(robot.body, self._time(robot.stamp))
+        path = robot.body.trajectory
+        later = PosePath.of_states(path.times + self._time(robot.stamp), path.states)
+        return replace(robot.body, trajectory=later)
 
     def _added(self, stamp, born, settings, outcome):
         """Add new objects; return the measurements of those that were added, by their ids."""
@@ -574,7 +578,7 @@ class Tracks:
             return {}
         if self._tracker is None:
             added = self._build(stamp, list(states.values()), settings, outcome.skipped)
-            self._register(states, added)
+            self._states |= {name: states[name] for name in added}
         elif self._time(stamp) < self._tracker.time:
             for name in states:
                 outcome.skipped[name] = "is new, and was observed before the newest observation of the others"
@@ -583,16 +587,12 @@ class Tracks:
             self._tracker.predict(self._time(stamp))
             for name, state in states.items():  # another tracker for one has those before it, too
                 if self._add(stamp, state, settings, outcome.skipped):
-                    self._register(states, [name])
+                    self._states[name] = state
             added = [name for name in states if name in self._states]
         for name in added:
             self._seen[name] = ObservationRecord(stamp)
         outcome.births += len(added)
         return {name: born[name][1] for name in added}
-
-    def _register(self, states, names):
-        for name in names:
-            self._states[name], self._models[name] = states[name], states[name].model
 
     def _add(self, stamp, state, settings, skipped):
         """Add an object at the tracker's time, which is a stamp [ns]; return whether it is valid."""
@@ -612,8 +612,7 @@ class Tracks:
         if state.id in objects_of(self._surroundings[1]):  # a planning scene has the object, too
             return self._rebuild(settings, state)
         try:
-            symmetry = _symmetry(self._models[state.id], settings)
-            self._tracker.add(read.scene.bodies[0], belief, symmetry)
+            self._tracker.add(read.scene.bodies[0], belief, _symmetry(state.model, settings))
         except NotSupportedError:  # it has uncertain parameters
             return self._rebuild(settings, state)
         return True
@@ -635,9 +634,6 @@ class Tracks:
             skipped.update(error.skipped)
             return None
         skipped.update(read.skipped)
-        self._models.update(
-            (body.name, model) for body, model in zip(read.scene.bodies, read.models, strict=True)
-        )
         return read
 
     def _build(self, stamp, states, settings, skipped, known_of=None):
@@ -666,7 +662,7 @@ class Tracks:
             scene = replace(scene, bodies=[*scene.bodies, *robots])
             first = [path.states[0] for body in robots if (path := body.trajectory) is not None]
             belief = Belief.trusted(np.array([*belief.mean, *first]), belief.covariance, belief.moving)
-        found = {name: _symmetry(self._models[name], settings) for name in names}
+        found = {own.id: _symmetry(own.model, settings) for own in states if own.id in names}
         self._tracker = Tracker(
             scene,
             belief,
@@ -743,9 +739,9 @@ class Tracks:
 
     def _forget_objects(self):
         """Forget all objects, and keep the paths of the robot."""
-        robots, models = self._robots, self._models
+        robots = self._robots
         self.clear()
-        self._robots, self._models = robots, models
+        self._robots = robots
 
 
 def warm_up_tracker(scene: Scene, belief: Belief, _propagator: object, horizon: float) -> None:

@@ -116,6 +116,17 @@ class PosePath:
                     field=f"times[{k + 1}]",
                 )
 
+    @classmethod
+    def of_states(cls, times: np.ndarray, states: np.ndarray) -> PosePath:
+        """Return the path through poses and velocities (K, 13) at times (K,) [s]."""
+        return cls(
+            times=times,
+            positions=states[:, POSITION],
+            orientations=states[:, QUATERNION],
+            linear_velocities=states[:, VELOCITY],
+            angular_velocities=states[:, ANGULAR_VELOCITY],
+        )
+
     @property
     def states(self) -> np.ndarray:
         """Poses and velocities (K, 13), as in `Belief`."""

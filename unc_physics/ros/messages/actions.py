@@ -184,14 +184,7 @@ def read_path(actions: ObjectActions, origin) -> PosePath | None:
 
 @functools.lru_cache(maxsize=256)
 def _path(times, states):
-    states = np.frombuffer(states).reshape(len(times), STATE)
-    return PosePath(
-        times=times,
-        positions=states[:, POSITION],
-        orientations=states[:, QUATERNION],
-        linear_velocities=states[:, VELOCITY],
-        angular_velocities=states[:, ANGULAR_VELOCITY],
-    )
+    return PosePath.of_states(np.array(times), np.frombuffer(states).reshape(len(times), STATE))
 
 
 def read_actions(actions: ObjectActions) -> tuple[tuple[str, Any], ...]:

@@ -23,27 +23,13 @@ from ...scene.scene import Scene
 _MAX_SCORES = 8
 
 
-class EventRow(NamedTuple):
-    """Representation of a class of events.
-
-    Attributes
-    ----------
-    kind : int
-        Constant of ``Event.kind``.
-    other : str
-        Attribute of the event in the field ``Event.other``; empty if the field is empty.
-    """
-
-    kind: int
-    other: str = ""
-
-
-EVENT_ROWS: dict[type[Any], EventRow] = {
-    InRegion: EventRow(EventMessage.IN_REGION, "region"),
-    Touches: EventRow(EventMessage.TOUCHES, "other"),
-    AtRest: EventRow(EventMessage.AT_REST),
-    Upright: EventRow(EventMessage.UPRIGHT),
-    FellOff: EventRow(EventMessage.FELL_OFF, "support"),
+#: Constant of ``Event.kind`` of each class of events, and its attribute in the field ``Event.other``, if any.
+EVENT_ROWS: dict[type[Any], tuple[int, str]] = {
+    InRegion: (EventMessage.IN_REGION, "region"),
+    Touches: (EventMessage.TOUCHES, "other"),
+    AtRest: (EventMessage.AT_REST, ""),
+    Upright: (EventMessage.UPRIGHT, ""),
+    FellOff: (EventMessage.FELL_OFF, "support"),
 }
 
 
@@ -95,11 +81,11 @@ def read_score(messages: Sequence[EventMessage], regions: Sequence[BoxRegion], s
 def _read_event(message, field, regions):
     """Return the event of one message."""
     other = message.other
-    found = [pair for pair in EVENT_ROWS.items() if pair[1].kind == message.kind]
+    found = [(event, attribute) for event, (kind, attribute) in EVENT_ROWS.items() if kind == message.kind]
     if not found:
         raise InvalidRequestError("is no kind of event", field=f"{field}.kind", value=message.kind)
-    ((event, row),) = found
-    if not row.other:
+    ((event, attribute),) = found
+    if not attribute:
         if other:
             raise InvalidRequestError(
                 "must be empty, as AT_REST and UPRIGHT are about the object alone",
@@ -118,10 +104,10 @@ def _read_event(message, field, regions):
 
 def write_event(event: Any, found: Probability) -> EventMessage:
     """Return the message of an event with its probability; its time is still to be set."""
-    row = EVENT_ROWS[type(event)]
-    other = getattr(event, row.other) if row.other else None
+    kind, attribute = EVENT_ROWS[type(event)]
+    other = getattr(event, attribute) if attribute else None
     return EventMessage(
-        kind=row.kind,
+        kind=kind,
         object=event.object,
         other=other.name if isinstance(other, BoxRegion) else other or "",
         probability=found.estimate,

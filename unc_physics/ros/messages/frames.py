@@ -195,6 +195,9 @@ class Transform(NamedTuple):
         return C if isinstance(entries, np.ndarray) else packed(C)
 
 
+IDENTITY = Transform(np.eye(3), np.zeros(3), (0.0, 0.0, 0.0, 1.0))
+
+
 def _turned(vector, R, translation=(0.0, 0.0, 0.0)):
     """Return a rotated Vector3, or a moved Point."""
     x, y, z = (R @ xyz(vector) + translation).tolist()

@@ -25,10 +25,9 @@ from ...checks.errors import (
 )
 from ...checks.validation import positive
 from ...shapes.library import load_model
-from ...spatial.rotation import rotation_matrix
 from .environment import read_dimensions
 from .fields import packed, xyz
-from .frames import Transform
+from .frames import IDENTITY, Transform
 
 # operations of collision objects; a byte is an int or bytes, depending on the ROS version
 _ADD, _REMOVE, _APPEND, _MOVE = (0, b"\x00"), (1, b"\x01"), (2, b"\x02"), (3, b"\x03")
@@ -105,7 +104,15 @@ def request_of_planning_scene(
     frame = planning_frame or next(
         (one.header.frame_id for one in [*fixed, *world] if one.header.frame_id), ""
     )
-    known = _KnownFrames(frame, fixed, frames or {})
+    poses = {"": Pose(), frame: Pose()} | dict(frames or {})
+
+    def pose_of(name, field):
+        if name not in poses:
+            problem = "is no frame whose pose is known; give it in frames"
+            raise UnknownFrameError(problem, field=f"{field}.header.frame_id", value=name)
+        return Transform.from_pose(poses[name], f"frames['{name}']")
+
+    known = _Frames({one.child_frame_id: one for one in fixed if one.child_frame_id not in poses}, pose_of)
     _check_added(world, "world.collision_objects[{}]")
     _check_added([held.object for held in attached], "robot_state.attached_collision_objects[{}].object")
     bodies, elements, actions = [], [], []
@@ -181,18 +188,18 @@ class PlanningWorld:
             self._objects[own.id] = own
 
     def elements(
-        self, pose_of_frame: Callable[[str], tuple[Any, Any]]
+        self, pose_of_frame: Callable[[str], Transform]
     ) -> tuple[list[EnvironmentElement], dict[str, str]]:
         """Return the elements of all objects, and the reasons of those left out by their ids.
 
         Parameters
         ----------
         pose_of_frame : callable
-            Takes a frame's name; returns its position and quaternion (x, y, z, w) in the frame of the
-            elements, or raises `UnknownFrameError`.
+            Takes a frame's name; returns its pose in the frame of the elements, or raises
+            `UnknownFrameError`.
         """
         found, problems = [], {}
-        frames = _TransformedFrames(self._transforms, pose_of_frame)
+        frames = _Frames(self._transforms, lambda name, _: pose_of_frame(name))
         for name, own in self._objects.items():
             try:
                 found += _elements(own, frames, f"collision object '{name}'")
@@ -201,49 +208,27 @@ class PlanningWorld:
         return found, problems
 
 
-class _TransformedFrames:
-    """Poses of frames: the planning scene's own, and others by a function."""
+class _Frames:
+    """Poses of frames, of transforms of a planning scene and of others.
 
-    def __init__(self, transforms, pose_of_frame):
-        self._transforms, self._pose_of_frame = transforms, pose_of_frame
+    Parameters
+    ----------
+    transforms : mapping of str to TransformStamped
+    pose_of : callable
+        Takes the name of another frame, and the field that refers to it; returns its `Transform`.
+    """
+
+    def __init__(self, transforms, pose_of):
+        self._transforms, self._pose_of = transforms, pose_of
 
     def of(self, header, field) -> Transform:
         """Return the pose of a header's frame."""
         one = self._transforms.get(header.frame_id)
         if one is None or one.header.frame_id == header.frame_id:
-            position, q = self._pose_of_frame(header.frame_id)
-            return Transform(rotation_matrix(np.array(q, float)), np.array(position, float), tuple(q))
+            return self._pose_of(header.frame_id, field)
         t = one.transform.translation
         pose = Pose(position=Point(x=t.x, y=t.y, z=t.z), orientation=one.transform.rotation)
         return self.of(one.header, field).compose(Transform.from_pose(pose, f"frame '{header.frame_id}'"))
-
-
-class _KnownFrames:
-    """Known poses of frames in the planning frame."""
-
-    def __init__(self, planning_frame, transforms, poses):
-        self._known: dict[str, Transform] = {
-            "": Transform.from_pose(Pose(), "pose"),
-            planning_frame: Transform.from_pose(Pose(), "pose"),
-        }
-        for k, one in enumerate(transforms):
-            t, q = one.transform.translation, one.transform.rotation
-            pose = Pose(position=Point(x=t.x, y=t.y, z=t.z), orientation=q)
-            self._known[one.child_frame_id] = Transform.from_pose(
-                pose, f"fixed_frame_transforms[{k}].transform"
-            )
-        for name, pose in poses.items():
-            self._known[name] = Transform.from_pose(pose, f"frames['{name}']")
-
-    def of(self, header, field) -> Transform:
-        """Return the pose of a header's frame."""
-        if header.frame_id not in self._known:
-            raise UnknownFrameError(
-                "is no frame whose pose is known; give it in frames",
-                field=f"{field}.header.frame_id",
-                value=header.frame_id,
-            )
-        return self._known[header.frame_id]
 
 
 def _check_ids(world, attached, objects, models):
@@ -289,7 +274,7 @@ def _object(own, frames, model, mass, field):
             ((name, _, pose, where),) = shapes
             place = place.compose(Transform.from_pose(pose, where))
             if name == "primitive":
-                place = place.compose(Transform(np.eye(3), -_middle(load_model(model)), (0.0, 0.0, 0.0, 1.0)))
+                place = place.compose(IDENTITY._replace(translation=-_middle(load_model(model))))
     else:
         if len(shapes) != 1 or shapes[0][0] == "plane":
             raise NotSupportedError(

@@ -170,19 +170,17 @@ def write_modes(objects, prediction: Prediction) -> None:
         if len(found) == 1:
             last.modes = [last.pose]
             continue
-        modes = []
-        for mode in found:
-            modes.append(PoseWithCovariance())
-            there = _moved_mode(mode, writable(body.model.origin))
-            state, _, modes[-1].covariance, _ = _about_fixed_axes(there.mean[0], there.blocks[0])
-            _fill_pose(modes[-1].pose, state.tolist())
-        last.modes = modes
+        last.modes = [PoseWithCovariance() for _ in found]
+        for written, mode in zip(last.modes, found, strict=True):
+            gaussian = Belief.trusted(mode.mean[None], mode.covariance[None], np.array([0]))
+            there = gaussian_at_origins(gaussian, writable(body.model.origin)[None])
+            _write_pose(written, there.mean[0], there.blocks[0])
 
 
 def write_start(objects, scene, belief) -> None:
     """Write the belief at time 0 into each PredictedObject; overlap removal may have changed it."""
     for k, (message, body) in enumerate(zip(objects, scene.bodies, strict=True)):
-        _write_pose(message.start, belief.mean[k], belief.marginal(k), body)
+        _write_pose(message.start, belief.mean[k], belief.marginal(k), writable(body.model.origin))
 
 
 def write_statuses(message, prediction) -> None:
@@ -309,26 +307,29 @@ def _kind(body):
     return ObjectState.FIXED if body.fixed else ObjectState.DYNAMIC
 
 
-def _write_pose(message, mean, P, body):
-    """Write a body's mean (13,) and covariance (12, 12) into a PoseWithCovariance of its model's origin."""
-    state, _, message.covariance, _ = _about_fixed_axes(
-        writable(mean), writable(P), writable(body.model.origin)
-    )
+def _write_pose(message, mean, P, origin=_SAME_POINT):
+    """Write the pose of a point of a body into a PoseWithCovariance, as `write_state` does."""
+    state, _, message.covariance, _ = _about_fixed_axes(mean, P, origin)
     _fill_pose(message.pose, state.tolist())
 
 
-def _moved_mode(mode, offset):
-    """Return the Gaussian of a mode at another point of its body, at ``offset`` (3,) in body axes [m]."""
-    gaussian = Belief.trusted(mode.mean[None], mode.covariance[None], np.array([0]))
-    return gaussian_at_origins(gaussian, offset[None])
+def write_state(message, mean, P, origin=_SAME_POINT):
+    """Write the state of a point of a body into a message with ``pose`` and ``twist``.
 
+    Parameters
+    ----------
+    message : message
+    mean : (13,) array
+    P : (12, 12) array
+    origin : (3,) array
+        The point, from that of the state, in body axes [m]; both are mapped linearly.
 
-def write_state(message, mean, P):
-    """Write a body's mean (13,) and covariance (12, 12) into a message with ``pose`` and ``twist``.
-
-    Returns the covariance (12, 12) about fixed axes.
+    Returns
+    -------
+    (12, 12) array
+        The covariance about fixed axes.
     """
-    state, P, message.pose.covariance, message.twist.covariance = _about_fixed_axes(mean, P)
+    state, P, message.pose.covariance, message.twist.covariance = _about_fixed_axes(mean, P, origin)
     numbers, twist = state.tolist(), message.twist.twist
     _fill_pose(message.pose.pose, numbers)
     for part, place in ((twist.linear, VELOCITY), (twist.angular, ANGULAR_VELOCITY)):
@@ -336,7 +337,7 @@ def write_state(message, mean, P):
     return P
 
 
-def _about_fixed_axes(mean, P, origin=_SAME_POINT):
+def _about_fixed_axes(mean, P, origin):
     """Return state (13,), covariance (12, 12) about fixed axes, and its two parts (36,), mapped linearly."""
     *found, finite = at_origin(writable(mean), writable(P), origin)
     if not finite:

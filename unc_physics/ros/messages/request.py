@@ -248,9 +248,11 @@ def read_request(
     options = _options(request.propagator_options)
     name = _add_targets(options, request)
     seed = request.seed or (None if "seed" in options else 1 + secrets.randbelow(2**_SEED_BITS - 1))
-    propagator = _propagator(name, options, request.samples, seed, settings)
+    name = name or settings.default_propagator
+    propagator = propagator_from_texts(name, options, request.samples or None, seed)
     asked_time = getattr(propagator, "time", 0.0)
-    propagator = _within(propagator, 0.0 if options else limits.budget)
+    if limits.budget and not options and isinstance(propagator, Anytime):
+        propagator = propagator.within(limits.budget)
     read = read_scene(
         message,
         library,
@@ -396,16 +398,6 @@ def read_marks(request, horizon: float, scene: Scene, settings) -> list[Mark]:
         given = enumerate(request.times)
         times = [read_duration(time, f"times[{k}]", InvalidHorizonError) for k, time in given]
     return marks_of(scene, horizon, times)
-
-
-def _propagator(name, options, samples, seed, settings):
-    """Return the requested propagator."""
-    return propagator_from_texts(name or settings.default_propagator, options, samples or None, seed)
-
-
-def _within(propagator: Propagator, time: float) -> Propagator:
-    """Return the propagator with a time budget [s], if it takes one; 0 for none."""
-    return propagator.within(time) if time and isinstance(propagator, Anytime) else propagator
 
 
 def _computation_time(value, limit, budget):

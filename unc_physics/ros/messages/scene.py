@@ -10,7 +10,7 @@ import functools
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ from ...spatial.layout import (
 from ...spatial.origin import at_com, congruent, error_map, inverse_error_map, moved
 from ...spatial.rotation import rotation_matrix
 from .actions import ObjectActions, group_actions, read_actions, read_path
-from .covariances import ANY_ANGLE_VARIANCE, EXACT, CovarianceDefaults, ReadCovariance, read_whole
+from .covariances import ANY_ANGLE_VARIANCE, EXACT, ReadCovariance, read_whole
 from .environment import MATERIAL_FIELDS, element_id, read_environment, read_material, read_pairs
 from .fields import given_shapes, packed, writable, xyz, xyzw
 
@@ -101,22 +101,6 @@ class AllSkippedError(NoObjectsError):
         self.skipped = skipped
         problem = f"must hold at least one valid object: {next(iter(skipped.values()))}"
         super().__init__(problem, field="scene.objects")
-
-
-class ObjectReader(NamedTuple):
-    """Settings with which the objects of a scene are read.
-
-    Attributes
-    ----------
-    library : ModelLibrary
-    covariance_defaults : CovarianceDefaults
-    wait : bool
-        Whether to wait for a mesh that is still being packed.
-    """
-
-    library: Any
-    covariance_defaults: CovarianceDefaults
-    wait: bool
 
 
 class FieldNames(NamedTuple):
@@ -223,14 +207,13 @@ def read_scene(
     of_objects = fields.objects if fields else [f"scene.objects[{k}]" for k in range(len(objects))]
     ids = {own.id for own in objects}
     grouped = group_actions(actions, ids, fields.actions if fields else None)
-    reader = ObjectReader(library, covariance_defaults, wait)
     read: list[ReadObject] = []
     skipped, taken = {}, set()
     for own, field in zip(objects, of_objects, strict=True):
         place = BodyFields(field, grouped.get(own.id, ObjectActions(own.id)))
         try:
             _check_id(own, field, taken)
-            arguments, state, P, zeros, notes = _body(own, place, reader)
+            arguments, state, P, zeros, notes = _body(own, place, library, covariance_defaults, wait)
             body = _body_at(place, arguments)
             read.append(ReadObject(place, own.model or body.model.name, body, state, P, zeros, notes))
         except UncPhysicsError as error:
@@ -385,25 +368,25 @@ def _check_shape(message, kinematic, field):
         )
 
 
-def _shape(message, reader):
+def _shape(message, library, wait):
     """Return the packing of an object's named model, primitive or mesh."""
     (name,) = given_shapes(message)
     if name == "model":
         scale = number(message.scale, "scale")
-        return reader.library.shape(message.model, message.spheres, scale)
-    packer = reader.library.shape_packer
+        return library.shape(message.model, message.spheres, scale)
+    packer = library.shape_packer
     pack = packer.of_mesh if name == "mesh" else packer.of_primitive
-    packing = pack(getattr(message, name), message.spheres, name, reader.wait)
+    packing = pack(getattr(message, name), message.spheres, name, wait)
     return packing.scaled(number(message.scale, "scale") or 1.0)
 
 
-def _body(message, place, reader):
+def _body(message, place, library, covariance_defaults, wait):
     """Return a body's arguments, state (13,), covariance (12, 12), whether zeros are replaced, and notes."""
     field, actions = place
     fixed = _is_fixed(message, place)
     _check_shape(message, fixed or actions.trajectory is not None, field)
     try:
-        model = _shape(message, reader)
+        model = _shape(message, library, wait)
     except UncPhysicsError as error:
         where = (
             f"{field}.{error.field}"
@@ -425,7 +408,7 @@ def _body(message, place, reader):
         at_start = moved(_state(message, field, fixed), origin, -1.0) if path is None else path.states[0]
         body = *body, bool(message.at_rest), inertia, path, named
         return body, at_start, np.zeros((ERROR, ERROR)), False, ()
-    pose, C, changes = _covariance(message, field, reader.covariance_defaults)
+    pose, C, changes = _covariance(message, field, covariance_defaults)
     at_rest = bool(message.at_rest) or pose.is_supported
     state = moved(_state(message, field, fixed, at_rest), origin, -1.0)
     P = at_com(C, state, origin)

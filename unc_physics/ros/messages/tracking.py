@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,14 +17,12 @@ from ...scene.belief import Belief
 from ...scene.body import RigidBody
 from ...scene.origins import gaussian_at_origins
 from ...scene.scene import Scene
-from ...spatial.layout import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from ...spatial.origin import at_origin
 from ...tracking.hypotheses import UNKNOWN_SPIN, UNKNOWN_VELOCITY
 from ...tracking.measurements import PoseMeasurement
 from ...tracking.report import TrackStatus
 from .actions import write_path
 from .covariances import MOST_ANGLE_VARIANCE, MOST_POSITION_VARIANCE, CovarianceDefaults
-from .fields import packed, pose_message, stamp_of, twist_message, writable, xyz, xyzw
+from .fields import packed, stamp_of, writable, xyz, xyzw
 from .prediction import write_state
 
 #: Standard deviation of a new object's pose, over that of its first observation, which corrects it.
@@ -95,31 +92,20 @@ def check_path(action: Action, field: str) -> None:
         raise NotSupportedError("must be zero in a tracker", field=f"{field}.trajectory_std")
 
 
-def later_path(body: RigidBody, delay: float) -> RigidBody:
-    """Return a prescribed body whose path begins later by a time [s]."""
-    return replace(body, trajectory=_delayed(body.trajectory, delay))
-
-
-def _delayed(path, delay):
-    return PosePath(
-        times=path.times + delay,
-        positions=path.positions,
-        orientations=path.orientations,
-        linear_velocities=path.linear_velocities,
-        angular_velocities=path.angular_velocities,
-    )
-
-
 def write_tracked(
-    scene: Scene, belief: Belief, statuses: dict[str, TrackStatus], seen: dict[str, ObservationRecord]
+    scene: Scene,
+    belief: Belief,
+    statuses: dict[str, TrackStatus],
+    models: dict[str, str],
+    seen: dict[str, ObservationRecord],
 ) -> list[TrackedObject]:
-    """Return the messages of a tracker's moving bodies, in the order of the scene; without their models."""
+    """Return the messages of a tracker's moving bodies, in the order of the scene."""
     origins = np.array([writable(body.model.origin) for body in scene.bodies])
     there = gaussian_at_origins(belief, origins)
     means, blocks, found = writable(there.mean), writable(there.blocks), []
     for row, b in enumerate(scene.moving.tolist()):
         name = scene.bodies[b].name
-        message = TrackedObject(id=name, status=_CODES[statuses[name]])
+        message = TrackedObject(id=name, model=models[name], status=_CODES[statuses[name]])
         message.covariance = packed(write_state(message, means[b], blocks[row]))
         own = seen.get(name, ObservationRecord())
         message.last_seen = stamp_of(own.stamp)
@@ -144,10 +130,8 @@ def write_present(
         The tracker's time [s].
     """
     message, origin = copy.copy(given), writable(body.model.origin)
-    state, C, *_ = at_origin(writable(mean), writable(P), origin)
-    message.pose = PoseWithCovariance(pose=pose_message(state[POSITION], state[QUATERNION]))
-    message.twist = TwistWithCovariance(twist=twist_message(state[VELOCITY], state[ANGULAR_VELOCITY]))
-    message.covariance = packed(C)
+    message.pose, message.twist = PoseWithCovariance(), TwistWithCovariance()
+    message.covariance = packed(write_state(message, mean, P, origin))
     if body.trajectory is None:
         return message, []
     path = _rest_of_path(body.trajectory, mean, time)
@@ -161,13 +145,9 @@ def _rest_of_path(path, state, time):
     ``state`` (13,) is the state on the path at that time.
     """
     if (later := path.times > time).all():
-        return _delayed(path, -time)
+        return PosePath.of_states(path.times - time, path.states)
     if not later.any():
         return None
-    return PosePath(
-        times=[0.0, *(path.times[later] - time)],
-        positions=[state[POSITION], *path.positions[later]],
-        orientations=[state[QUATERNION], *path.orientations[later]],
-        linear_velocities=[state[VELOCITY], *path.linear_velocities[later]],
-        angular_velocities=[state[ANGULAR_VELOCITY], *path.angular_velocities[later]],
+    return PosePath.of_states(
+        np.array([0.0, *(path.times[later] - time)]), np.array([state, *path.states[later]])
     )
