@@ -53,59 +53,15 @@ WARM_UP_SHARE = 0.25
 GROWTH_LIMIT = 20.0  # MB
 LIMITS = {"max_horizon": 5.0, "max_computation_time": 0.2, "max_memory": 16.0}
 
-NUMBERS = [
-    0.0,
-    -0.0,
-    1.0,
-    -1.0,
-    0.5,
-    1e-3,
-    1e3,
-    -1e6,
-    1e-300,
-    5e-324,
-    1e154,
-    1e300,
-    1.8e308,
-    -1e308,
-    float("nan"),
-    float("inf"),
-    float("-inf"),
-]
-TEXTS = [
-    "",
-    "left",
-    "right",
-    "world",
-    "bunny",
-    "pin",
-    "can",
-    "sigma_points",
-    "monte_carlo",
-    "surrogate",
-    "linearization",
-    "local_sampling",
-    "camera",
-    "Ünïcödé 🐇",
-    "兎" * 50,
-    "a" * 5000,
-    "../../etc/passwd",
-    "/dev/zero",
-    "\n\t",
-    "null",
-    "%s%n{}",
-    "[0, 0, -9.81]",
-    "1e-3",
-    ".nan",
-    "{",
-    "dt",
-    "gravity",
-    "stiffness",
-    "points",
-    "full",
-    "samples",
-    "7",
-]
+_NUMBERS = """
+0 -0 1 -1 0.5 1e-3 1e3 -1e6 1e-300 5e-324 1e154 1e300 1.8e308 -1e308 nan inf -inf
+"""
+_WORDS = """
+left right world bunny pin can camera sigma_points monte_carlo surrogate linearization local_sampling
+null ../../etc/passwd /dev/zero %s%n{} 1e-3 .nan { 7 dt gravity stiffness points full samples
+"""
+NUMBERS = [float(text) for text in _NUMBERS.split()]
+TEXTS = ["", "Ünïcödé 🐇", "兎" * 50, "a" * 5000, "\n\t", "[0, 0, -9.81]", *_WORDS.split()]
 INTEGERS = [0, 1, 2, 7, 20, 100, 2**31 - 1, 2**32 - 1]
 PARTS = [
     lambda: moving_object("left"),

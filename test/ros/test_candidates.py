@@ -1,7 +1,6 @@
 """`~/predict_candidates`: alternatives of one scene."""
 
 import contextlib
-import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -148,37 +147,6 @@ def ranked(scores, candidates=OVER, **others):
 
 
 ABOVE = Event(kind=Event.IN_REGION, object="box", other="above")
-
-
-def test_candidates_are_ranked_by_a_score(node, client):
-    bad = over("bad", 0.1)
-    bad.objects[0].mass = -1.0
-    request = ranked([ABOVE], [bad, *OVER], return_probabilities=True, return_samples=40)
-    response = ask(client, request)
-    assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
-    assert [entry.candidate for entry in response.predictions] == ["over", "edge", "beside", "bad"]
-    best, edge, beside, refused = response.predictions
-    assert (refused.result.error_code, refused.score_high) == (ErrorCode.INVALID_MASS, 0.0)
-    assert best.score > 0.9 > edge.score > 0.1 > beside.score
-    assert (best.difference, best.difference_std) == (0.0, 0.0) and best.prediction.rollouts == 100
-    assert beside.clearly_worse and beside.prediction.rollouts == 20 and len(response.predictions[2:]) == 2
-    for entry in (edge, beside):
-        assert entry.difference < 0.0 < entry.difference_std
-        assert entry.score_low <= entry.score <= entry.score_high
-    (box,) = best.prediction.objects
-    assert (
-        len(box.states[-1].pose_samples) == 40
-        and len(beside.prediction.objects[0].states[-1].pose_samples) == 20
-    )
-    own = {event.kind: event for event in best.prediction.events if event.other in ("", "above")}
-    assert own[Event.FELL_OFF].probability == 1.0  # into the bin: farther than its radius
-    single = copy.copy(request.request)
-    single.scene.objects = list(OVER[1].objects)
-    single.propagator = "monte_carlo"
-    alone = client.predict(single).prediction
-    (expected,) = alone.objects
-    assert np.array_equal(numbers_of(box.states[-1]), numbers_of(expected.states[-1]))
-    assert best.prediction.events == alone.events
 
 
 def alike(*names):

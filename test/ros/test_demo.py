@@ -3,12 +3,7 @@
 import subprocess
 import sys
 
-import numpy as np
-import pytest
-
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.ros.demo import as_samples
-from unc_physics_msgs.msg import PredictedObject, PredictedState, Prediction
 
 FEW = """
 import sys
@@ -30,19 +25,6 @@ def test_the_demo_prints_a_table_and_writes_a_picture(tmp_path):
     for word in ("auto", "linearization", "monte_carlo, 32", "truth", str(output), "shut down cleanly"):
         assert word in done.stdout
     assert output.read_bytes().startswith(b"\x89PNG") and output.stat().st_size > 50_000
-
-
-def test_an_error_is_worth_as_many_samples_as_have_it_on_average():
-    """0.1 and 0.2 of the spread are those of 100 and 25 samples, and together of 40."""
-    truth, found = Prediction(), Prediction()
-    for k, (name, share) in enumerate([("carton", 0.1), ("can", 0.2)]):
-        spread = 0.01 * (1 + k)  # m, along each axis
-        for message, offset in ((truth, 0.0), (found, share * spread * np.sqrt(3.0))):
-            state = PredictedState()
-            state.pose.pose.position.x, state.pose.pose.orientation.w = offset, 1.0
-            state.pose.covariance = np.diag([spread**2] * 3 + [0.0] * 3).ravel()
-            message.objects.append(PredictedObject(id=name, states=[state]))
-    assert as_samples(found, truth) == pytest.approx(40.0)
 
 
 def test_a_folder_that_is_not_there(tmp_path):

@@ -1,6 +1,5 @@
 """The node as a process: it ends cleanly, also while it works."""
 
-import ctypes
 import importlib
 import re
 import signal
@@ -19,35 +18,6 @@ from unc_physics.ros import UncPhysicsNode
 from unc_physics.ros.node import run
 from unc_physics_msgs.action import PredictLong
 from unc_physics_msgs.srv import Predict
-
-#: Prints the number of glibc's arenas before and after 32 threads allocate at once, and that of the cores.
-ARENAS = """
-import ctypes, os, sys, threading
-from unc_physics.ros.node import share_memory
-libc, together = ctypes.CDLL(None), threading.Barrier(32)
-libc.fopen.restype = ctypes.c_void_p
-def arenas():
-    file = ctypes.c_void_p(libc.fopen(sys.argv[1].encode(), b"w"))
-    libc.malloc_info(0, file)
-    libc.fclose(file)
-    return open(sys.argv[1]).read().count("<heap nr=")
-def work():
-    libc.malloc(ctypes.c_size_t(1000))
-    together.wait()
-share_memory()
-before, threads = arenas(), [threading.Thread(target=work) for _ in range(32)]
-for thread in threads: thread.start()
-for thread in threads: thread.join()
-print(before, arenas(), os.cpu_count())
-"""
-
-
-@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_info"), reason="needs glibc")
-def test_threads_share_memory(tmp_path):
-    command = [sys.executable, "-c", ARENAS, str(tmp_path / "arenas.xml")]
-    found = subprocess.run(command, capture_output=True, check=True).stdout.split()
-    before, after, cores = map(int, found)
-    assert after <= max(before, cores), found
 
 
 def test_a_signal_ends_a_busy_node_cleanly(client):

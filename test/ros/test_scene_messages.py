@@ -2,15 +2,11 @@
 
 import numpy as np
 import pytest
-from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import Vector3
 from scenes import diagonal, moving_object, packed, position_of
 from scipy.spatial.transform import Rotation
 
 from unc_physics.checks import errors
-from unc_physics.ros.messages import prediction
 from unc_physics.ros.messages.covariances import CovarianceDefaults
-from unc_physics.ros.messages.fields import duration, optional, read_duration, seconds
 from unc_physics.ros.messages.prediction import write_prediction, write_start
 from unc_physics.ros.messages.request import RequestedOutputs
 from unc_physics.ros.messages.scene import read_scene
@@ -18,7 +14,7 @@ from unc_physics.ros.models import ModelLibrary
 from unc_physics.scene.belief import Belief
 from unc_physics.spatial.layout import ERROR, VELOCITY
 from unc_physics.spatial.origin import error_map, moved
-from unc_physics_msgs.msg import JointCovariance, Material, ObjectState, Physics, Scene
+from unc_physics_msgs.msg import JointCovariance, ObjectState, Scene
 
 SMALL = 1e-3  # standard deviations of draws, small enough that the first order is all that shows
 ROUND_OFF = 1e-12
@@ -40,8 +36,7 @@ def spinning_object():
 
 
 def read(*messages, joint=None, physics=PHYSICS, **others):
-    scene = Plain(Scene())  # which takes plain objects
-    scene.objects, scene.joint_covariance = list(messages), joint or JointCovariance()
+    scene = Scene(objects=list(messages), joint_covariance=joint or JointCovariance())
     return read_scene(scene, LIBRARY, physics, **others)
 
 
@@ -171,58 +166,6 @@ def test_objects_of_unknown_model_may_be_left_out():
         read(unknown, skip_invalid_objects=True)
 
 
-@pytest.mark.parametrize(
-    ("sec", "nanosec", "field"),
-    [(-1, 0, "horizon"), (-1, 999_999_999, "horizon"), (0, 10**9, "horizon.nanosec")],
-)
-def test_a_duration_that_is_none_is_named(sec, nanosec, field):
-    with pytest.raises(errors.InvalidHorizonError, match=f"^{field} must"):
-        read_duration(Duration(sec=sec, nanosec=nanosec), "horizon", errors.InvalidHorizonError)
-
-
-@pytest.mark.parametrize("time", [0.0, 1e-9, 0.1, 0.999_999_999_9, 7.25, 1e6])
-def test_durations(time):
-    message = duration(time)
-    assert 0 <= message.nanosec < 1_000_000_000
-    assert abs(seconds(message) - time) <= 1e-9
-
-
-class Plain:
-    """What a message is when its fields are not checked: it takes anything."""
-
-    def __init__(self, message):
-        self.get_fields_and_field_types = message.get_fields_and_field_types
-        for name in message.get_fields_and_field_types():
-            value = getattr(message, name)
-            setattr(self, name, Plain(value) if hasattr(value, "get_fields_and_field_types") else value)
-
-
-def put(message, path, value):
-    *parents, last = path.split(".")
-    for name in parents:
-        message = getattr(message, name)
-    setattr(message, last, value)
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "error"),
-    [
-        ("mass", "heavy", errors.InvalidMassError),
-        ("pose.pose.position.y", "far", errors.InvalidRequestError),
-        ("covariance", np.zeros(143), errors.InvalidCovarianceError),
-        ("pose.covariance", np.zeros(35), errors.InvalidCovarianceError),
-        ("pose.covariance", None, errors.InvalidCovarianceError),
-    ],
-)
-def test_values_that_messages_hold_unchecked_are_named(path, value, error):
-    """Other bad values are in test_bad_requests.py."""
-    message = Plain(moving_object("bad"))
-    put(message, path, value)
-    with pytest.raises(error) as raised:
-        read(moving_object("good"), message)
-    assert f"scene.objects[1].{path.removesuffix('.y')}" in str(raised.value)
-
-
 def test_where_a_prediction_began():
     message = spinning_object()
     message.pose.covariance = random_covariance(8, 6).ravel()
@@ -238,37 +181,6 @@ def test_where_a_prediction_began():
         assert_close(written.start.covariance, written.states[0].pose.covariance)
     assert np.allclose(objects[0].start.covariance, message.pose.covariance, rtol=0.0, atol=ROUND_OFF)
     assert not np.any(objects[1].start.covariance)
-
-
-@pytest.mark.parametrize(
-    ("kind", "name", "value"),
-    [
-        (Physics, "dt", 0.1),
-        (Physics, "gravity", Vector3(z=-1.0)),
-        (Physics, "sleep", True),
-        (Material, "friction", 0.5),
-    ],
-)
-def test_an_optional_value_needs_its_flag(kind, name, value):
-    message = kind(**{name: value})
-    with pytest.raises(errors.InvalidRequestError, match=f"^thing.{name} needs has_{name} beside it"):
-        optional(message, name, "thing")
-    setattr(message, f"has_{name}", True)
-    assert optional(message, name, "thing") is getattr(message, name)
-    assert optional(kind(), name, "thing") is None
-
-
-@pytest.mark.parametrize("number", [np.nan, -np.inf])
-def test_what_left_the_range_of_numbers_is_not_written(number):
-    """Of the second of two bodies, and of one of several samples."""
-    scene, belief, models, *_ = read(spinning_object(), moving_object("other"))
-    mean, samples = belief.mean.copy(), np.tile(belief.mean[1], (3, 1))
-    mean[1, 4] = samples[2, 12] = number
-    with pytest.raises(errors.DivergedError, match="^prediction left the range of numbers"):
-        write_prediction(scene, models, [0.0], [Belief.trusted(mean, belief.covariance, belief.moving)])
-    with pytest.raises(errors.DivergedError, match="^pose_samples left the range of numbers"):
-        prediction._origin_poses(samples, np.zeros(3))
-    assert len(prediction._origin_poses(samples[:2], np.zeros(3))) == 2
 
 
 def test_huge_numbers_are_refused_or_stay_finite():

@@ -15,20 +15,11 @@ from geometry_msgs.msg import TransformStamped
 from lifecycle_msgs.srv import GetState
 from rclpy.duration import Duration
 from rclpy.executors import MultiThreadedExecutor
-from running import (
-    ANSWER_TIMEOUT,
-    READY_TIMEOUT,
-    Client,
-    NodeProcess,
-    node_in_this_process,
-    result_of,
-    wait_until,
-)
+from running import READY_TIMEOUT, Client, NodeProcess, node_in_this_process, result_of, wait_until
 from scenes import assert_answered, good_request, moving_object, position_of, request_of, with_physics
 from std_srvs.srv import Empty
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.physics.everyday import rollouts
 from unc_physics.ros import server
 from unc_physics_msgs.srv import Predict
 
@@ -69,7 +60,7 @@ def two_threads(context):
 
 
 def test_in_the_executor_of_others(robot, client, monkeypatch):
-    """A request waits in its own thread; those of the rollouts are shared by all requests."""
+    """A request waits in its own thread."""
     name, predict, go = "robot_1/unc_physics", robot.server.predict, threading.Event()
 
     def held(job, *others):
@@ -87,54 +78,6 @@ def test_in_the_executor_of_others(robot, client, monkeypatch):
     finally:
         go.set()
     assert_answered(result_of(waiting))
-
-
-class Processors:
-    """In place of the function that computes a part of a request's rollouts: who is computed at a time.
-
-    Two parts, the first ones or the first of each request, wait for each other. Requests are told by
-    their steps [s]; other steps, as the one without a length that finds overlaps, are nobody's.
-    """
-
-    def __init__(self, steps, each):
-        self._advance, self._each, self._lock = rollouts.advance, each, threading.Lock()
-        self._barrier = threading.Barrier(2, timeout=ANSWER_TIMEOUT)
-        self._steps, self._begun, self._running = steps, [], 0
-        self.most = 0
-
-    def __call__(self, states, first_time, memory, world, *others):
-        if world.dt not in self._steps:
-            return self._advance(states, first_time, memory, world, *others)
-        with self._lock:
-            self._running += 1
-            self.most = max(self.most, self._running)
-            first = world.dt not in self._begun if self._each else len(self._begun) < self._barrier.parties
-            self._begun.append(world.dt)
-        if first:
-            self._barrier.wait()
-        found = self._advance(states, first_time, memory, world, *others)
-        with self._lock:
-            self._running -= 1
-        return found
-
-
-@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one thread")
-def test_a_request_has_two_threads_alone_and_two_requests_have_one_each(robot, client, monkeypatch):
-    requests = [
-        with_physics(good_request(propagator="monte_carlo", samples=500), dt=dt, exact=True)
-        for dt in (0.004, 0.005)
-    ]
-    for asked in (requests[:1], requests):
-        steps = [request.physics.dt for request in asked]
-        monkeypatch.setattr(rollouts, "advance", processors := Processors(steps, each=len(asked) == 2))
-        waiting = [
-            client.start(Predict, "/robot_1/unc_physics/predict", Predict.Request(request=request))
-            for request in asked
-        ]
-        for answer in waiting:
-            assert_answered(result_of(answer))
-        assert 2 <= processors.most <= numba.config.NUMBA_NUM_THREADS
-        monkeypatch.undo()
 
 
 def test_a_request_to_a_node_that_is_closing_is_answered(robot, client):

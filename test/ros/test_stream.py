@@ -1,6 +1,5 @@
 """Scenes in on topics, predictions out."""
 
-import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Pose, PoseWithCovariance, PoseWithCovarianceStamped, Vector3
 from in_process import FRAMES
 from rclpy.qos import ReliabilityPolicy, qos_profile_sensor_data
-from running import ANSWER_TIMEOUT, Client, Inbox, NodeProcess, wait_until
+from running import Client, Inbox, NodeProcess, wait_until
 from scenes import POSITION_STD, good_request, moving_object, numbers_of, position_of
 from shape_msgs.msg import Plane
 from std_msgs.msg import Header
@@ -22,7 +21,6 @@ from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.messages.request import read_request
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.parameters import Settings
-from unc_physics.ros.stream_pace import LatestWorker
 from unc_physics.ros.streams import request_of, transforms
 from unc_physics_msgs.msg import Environment, EnvironmentElement, PredictedObject, Prediction, Scene
 
@@ -199,26 +197,6 @@ def test_scenes_of_other_times_are_dropped_and_bad_ones_told(publish, answer_to,
         answer_to(last)
         wait_until(lambda: received.extend(predictions.all()) or any(map(is_of(last), received)))
     assert not [one for one in received if is_of(old)(one) or is_of(bad)(one)]
-
-
-def test_what_waits_is_replaced_by_what_is_newer():
-    begun, go_on, done, replaced = threading.Event(), threading.Event(), [], []
-
-    def work(item):
-        begun.set()
-        go_on.wait(ANSWER_TIMEOUT)
-        done.append(item)
-
-    newest = LatestWorker(work, lambda: replaced.append(1))
-    newest.put("first")
-    assert begun.wait(ANSWER_TIMEOUT)
-    for item in ("late", "later", "latest"):
-        newest.put(item)
-    go_on.set()
-    wait_until(lambda: len(done) == 2)
-    newest.close()
-    assert done == ["first", "latest"]
-    assert len(replaced) == 2
 
 
 def detection(make, class_scores, name="", x=0.0, frame=""):

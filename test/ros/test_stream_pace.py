@@ -19,7 +19,6 @@ from scenes import moving_object, position_of
 from unc_physics import make_propagator
 from unc_physics.checks.errors import DivergedError
 from unc_physics.ros import stream_pace
-from unc_physics.ros.diagnostics import Counts, Problem
 from unc_physics.ros.messages.fields import seconds
 from unc_physics.ros.stream_pace import Pace
 from unc_physics_msgs.msg import Prediction, Scene, TrackedObjects
@@ -285,42 +284,6 @@ def test_tracked_predictions_keep_their_limit_and_come_once_for_what_waits(track
             published.append(tracked.next().header.stamp)
         assert not any(stamp in published for stamp in stamps[:2])
     client.node.destroy_publisher(publisher)
-
-
-def test_the_worst_problem_decides_until_it_is_old(monkeypatch):
-    now = [0.0]
-    clock = types.SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr("unc_physics.ros.diagnostics.time", clock)
-    counts, found = Counts("errors"), []
-
-    def look(at):
-        now[0] = at
-        status = counts.status("name", "fine")
-        found.append((at, status.level, status.message))
-
-    look(0.0)
-    counts.heard()  # one input is no stream
-    look(20.0)
-    counts.warn("fault", Problem.FAULT)
-    now[0] = 25.0
-    counts.warn("refused", Problem.REFUSED)
-    counts.warn("skipped")
-    counts.warn("late", Problem.LATE)
-    look(25.0)
-    look(31.0)
-    for at in (31.0, 32.0):
-        now[0] = at
-        counts.heard()
-    look(41.0)
-    look(52.0)
-    assert found == [
-        (0.0, DiagnosticStatus.OK, "fine"),
-        (20.0, DiagnosticStatus.OK, "fine"),
-        (25.0, DiagnosticStatus.ERROR, "fault"),
-        (31.0, DiagnosticStatus.WARN, "refused"),
-        (41.0, DiagnosticStatus.OK, "fine"),
-        (52.0, DiagnosticStatus.STALE, "no input for 20 s"),
-    ]
 
 
 def test_disabled_introspection_publishes_no_events(hurried):

@@ -1,25 +1,22 @@
 """The node's tracked objects without DDS: births, association, forgetting, and changes of the environment."""
 
 import itertools
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Pose, PoseWithCovariance, Vector3
+from geometry_msgs.msg import PoseWithCovariance
 from shape_msgs.msg import Plane, SolidPrimitive
-from std_msgs.msg import Header
 
 from unc_physics import assess_stability
 from unc_physics.checks.errors import InvalidEnvironmentError, InvalidModelError, NotReadyError
 from unc_physics.ros.association import Place, assign
-from unc_physics.ros.detected import detected_object, read_detections
+from unc_physics.ros.detected import detected_object
 from unc_physics.ros.models import ModelLibrary
 from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.tracks import Tracks
 from unc_physics_msgs.msg import EnvironmentElement, TrackedObject
 
-NO_BOX = SimpleNamespace(center=Pose(), size=Vector3())
 STD, START = 0.002, 1_000_000_000_000  # m, ns
 SETTINGS = Settings(track=True, exact=True, forget_after=5.0)
 
@@ -262,19 +259,6 @@ def test_more_objects_than_allowed_are_left_out(tracks):
     settings = Settings(track=True, exact=True, max_objects=1)
     outcome = tracks.see(0.0, (0, 0, 0), (1, 0, 0), named=True, settings=settings)
     assert outcome.births == 1 and "at most 1" in outcome.skipped["can 1"]
-
-
-def test_ids_of_detections():
-    def detection(name):
-        result = SimpleNamespace(
-            hypothesis=SimpleNamespace(class_id="can", score=0.5), pose=PoseWithCovariance()
-        )
-        return SimpleNamespace(header=Header(), results=[result], id=name, bbox=NO_BOX)
-
-    array = SimpleNamespace(header=Header(frame_id="camera"), detections=[detection("a"), detection("")])
-    found = read_detections(array, ModelLibrary(), SETTINGS)
-    assert [own.id for own in found.objects] == ["a", "can_1"] and found.named == {"a"}
-    assert found.header.frame_id == "camera"
 
 
 def test_an_object_that_changes_its_id_stays_one_object(tracks):
