@@ -26,6 +26,7 @@ from ..checks.validation import array, quaternion
 from ..scene.environment import Element
 from ..shapes.distance import signed_distance
 from ..shapes.packing_file import SpherePacking
+from ..shapes.primitive_models import primitive_model
 from ..spatial.rotation import cross_matrices, rotation_matrix
 from .messages.covariances import MOST_ANGLE_VARIANCE, UNKNOWN
 from .messages.environment import PackedElement, read_environment
@@ -214,7 +215,7 @@ def _detected(name, best, box, library, settings):
     model, origin = settings.classes.get(kind, ClassModel(kind))
     size = xyz(box.size)
     if model not in library and all(math.isfinite(length) and length > 0.0 for length in size):
-        library.add_box(model, size)
+        library.add(model, primitive_model("box", size=size).named(model))
         pose = PoseWithCovariance(pose=box.center, covariance=best.pose.covariance)
         return _at_point(name, model, pose, "", library, settings)
     if best.pose.pose == _NO_POSE and not np.any(best.pose.covariance) and box.center != _NO_POSE:

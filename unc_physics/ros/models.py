@@ -7,10 +7,8 @@ an object until it is packed.
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
 import os
-import tempfile
 import threading
 from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -38,9 +36,9 @@ from ..checks.errors import (
 )
 from ..checks.names import suggestion
 from ..checks.shown import counted, printable
-from ..scene.scene_file import load_shape
+from ..scene.scene_file import cut_shape, load_shape
 from ..shapes.library import list_models
-from ..shapes.packing_file import HULL, SpherePacking, load_packing, save_packing
+from ..shapes.packing_file import HULL, SpherePacking, load_packing
 from ..shapes.primitive_models import SPHERES, ball, primitive_model
 from ..shapes.primitives import cone, prism
 from .messages.environment import read_dimensions
@@ -61,9 +59,7 @@ _DEFAULT_MODEL_SPHERES = 1000
 
 
 class ModelLibrary:
-    """Model files by name; for an unknown name the folder is scanned again.
-
-    A file is read once, and again after `add`.
+    """Models by name, of files and of shapes; for an unknown name the folder is scanned again.
 
     Parameters
     ----------
@@ -77,36 +73,26 @@ class ModelLibrary:
         self._models_dir = models_dir or None
         self._allow_paths = allow_paths
         self._lock = threading.Lock()
-        self._paths: dict[str, Path] = {}
-        self._boxes: dict[str, SpherePacking] = {}
-        self._shape = functools.lru_cache(maxsize=256)(load_shape)
+        self._models: dict[str, Path | SpherePacking] = {}
         self.shape_packer = ShapePacker()
         self._scan()
 
-    @functools.cached_property
-    def packed(self) -> tempfile.TemporaryDirectory:
-        """Folder of meshes packed at run time."""
-        return tempfile.TemporaryDirectory(prefix="unc_physics_models_")
-
     def discard(self) -> None:
-        """Delete meshes packed at run time."""
+        """End the packing of shapes."""
         self.shape_packer.close()
-        if "packed" in self.__dict__:
-            self.packed.cleanup()
 
     def _scan(self):
         found = {}
         with contextlib.suppress(UnknownModelError):  # the folder may appear later
             found = list_models(self._models_dir)
         with self._lock:
-            for name, path in found.items():
-                self._paths.setdefault(name, path)
+            self._models = found | self._models
 
     @property
-    def paths(self) -> dict[str, Path]:
-        """Names and files of the models, sorted by name."""
+    def models(self) -> dict[str, Path | SpherePacking]:
+        """Files or packings of the models by their names, sorted by name."""
         with self._lock:
-            return dict(sorted(self._paths.items()))
+            return dict(sorted(self._models.items()))
 
     def shape(self, model: str, spheres: int = 0, scale: float = 0.0) -> SpherePacking:
         """Return a model's first ``spheres`` (0: all), with lengths times ``scale`` (0: 1).
@@ -119,42 +105,35 @@ class ModelLibrary:
             raise InvalidModelError(
                 f"must be 0 or between {_SCALES[0]:g} and {_SCALES[1]:g}", field="scale", value=scale
             )
-        if (box := self._boxes.get(model)) is not None and model not in self._paths:
-            return box.scaled(scale or 1.0)
-        return self._shape(str(self._path(model)), spheres or None, scale or None)
+        found = self._find(model)
+        if isinstance(found, SpherePacking):
+            return cut_shape(found, spheres or None, scale or 1.0)
+        return load_shape(str(found), spheres or None, scale or None)
 
-    def _path(self, model):
-        by_path = self._allow_paths and model.endswith(".npz") and model not in self._paths
+    def _find(self, model):
+        if model in self:
+            return self._models[model]
+        by_path = self._allow_paths and model.endswith(".npz")
         if by_path and os.path.isfile(model):
             return model
-        if model not in self._paths:
-            self._scan()
-        with self._lock:
-            if model not in self._paths:
-                known = ", ".join(sorted(self._paths)) or "none"
-                problem = f"is unknown{suggestion(model, self._paths)}; the models are: {known}"
-                if by_path:
-                    problem = "is no file on the node's machine"
-                elif model.endswith(".npz"):
-                    problem = "must be a name, as the parameter allow_model_paths is false"
-                raise UnknownModelError(problem, field="model", value=model)
-            return self._paths[model]
+        known = self.models
+        problem = f"is unknown{suggestion(model, known)}; the models are: {', '.join(known) or 'none'}"
+        if by_path:
+            problem = "is no file on the node's machine"
+        elif model.endswith(".npz"):
+            problem = "must be a name, as the parameter allow_model_paths is false"
+        raise UnknownModelError(problem, field="model", value=model)
 
     def __contains__(self, model: str) -> bool:
-        """Return whether a model is known."""
-        if model not in self._paths and model not in self._boxes:
+        """Return whether a model is known by its name."""
+        if model not in self._models:
             self._scan()
-        return model in self._paths or model in self._boxes
+        return model in self._models
 
-    def add_box(self, name: str, size: tuple[float, float, float]) -> None:
-        """Add a box with edges [m] as a model, whose origin is its middle."""
-        self._boxes[name] = primitive_model("box", size=size).named(name)
-
-    def add(self, name: str, path: Path) -> None:
-        """Add a model file; it replaces one of the same name."""
+    def add(self, name: str, model: Path | SpherePacking) -> None:
+        """Add a model; it replaces one of the same name."""
         with self._lock:
-            self._paths[name] = path
-        self._shape.cache_clear()
+            self._models = self._models | {name: model}
 
 
 class ShapePacker:
@@ -307,8 +286,8 @@ class ModelTopics:
         library = self._server.library
         with self._lock:
             infos = dict(self._packing)
-        for name, path in library.paths.items():
-            infos.setdefault(name, _info(library, name, path))
+        for name, model in library.models.items():
+            infos.setdefault(name, _info(library, name, model))
         return [infos[name] for name in sorted(infos)]
 
     def _publish(self):
@@ -352,12 +331,12 @@ class ModelTopics:
         self._packer.submit(self._pack, name, path, solid, request.spheres or _DEFAULT_MODEL_SPHERES)
         return info
 
-    def _refuse_taken(self, name, replace):
+    def _refuse_taken(self, name, replaces):
         with self._lock:
             packing = self._packing.get(name)
         if packing is not None and packing.status == ModelInfo.STATUS_PACKING:
             raise DuplicateIdError("is being packed just now", field="name", value=name)
-        if not replace and name in self._server.library.paths:
+        if not replaces and name in self._server.library.models:
             raise DuplicateIdError(
                 "is the name of a model; set replace to replace it", field="name", value=name
             )
@@ -371,12 +350,8 @@ class ModelTopics:
             # one thread: predictions have priority
             found = best_pieces(solid, seconds=CUTTING_TIMEOUT, threads=1)
             pieces: dict[str, Any] = found.entries if found else {"pieces": ()}
-            packing = pack_solid(solid, spheres, threads=1, **pieces)
-            handle, file = tempfile.mkstemp(suffix=".npz", dir=self._server.library.packed.name)
-            os.close(handle)
-            save_packing(file, packing)
-            self._server.library.add(name, Path(file))
-            self._server.library.shape(name)
+            packing = pack_solid(solid, spheres, threads=1, **pieces).named(name)
+            self._server.library.add(name, packing)
             with self._lock:
                 del self._packing[name]
         except Exception as error:  # noqa: BLE001  (no mesh may end the node)
@@ -444,8 +419,9 @@ def _solid(path):
     return solid
 
 
-def _info(library, name, path):
+def _info(library, name, model):
     """Return the entry of a model; for an unreadable one, with the reason."""
+    path = model if isinstance(model, Path) else ""
     try:
         return packing_info(library.shape(name), name, path)
     except UncPhysicsError as error:

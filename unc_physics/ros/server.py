@@ -125,7 +125,7 @@ class PredictionServer:
             core.warm_up((REFERENCE,), self.settings.physics, warm_up_tracker)
         self.log.info(
             f"warmed up in {time.perf_counter() - started:.1f} s; models:"
-            f" {', '.join(self.library.paths) or 'none'}"
+            f" {', '.join(self.library.models) or 'none'}"
         )
 
     def _check_models(self):
@@ -137,7 +137,7 @@ class PredictionServer:
         ]
         for parameter, model in [*named, *(("class_models", own.model) for own in settings.classes.values())]:
             if model not in self.library:
-                known = self.library.paths
+                known = self.library.models
                 raise InvalidOptionError(
                     f"names an unknown model{hint(model, known)}", field=parameter, value=model
                 )

@@ -132,7 +132,7 @@ class Tracking:
         for model in settings.symmetries:
             if model not in server.library:
                 server.log.warning(
-                    f"parameter symmetric_models: '{model}' is no model{hint(model, server.library.paths)}"
+                    f"parameter symmetric_models: '{model}' is no model{hint(model, server.library.models)}"
                 )
         if server.environment.is_missing(settings) and not settings.planning_scene_topic:
             server.log.warning(f"nothing is tracked before the node's environment is set: {HOW_TO_SET}")

@@ -358,7 +358,7 @@ def _primitive(content, field, spheres):
     check_keys(sizes, SIZES[kind], f"{place}.{kind}")
     lengths = {key: value for key, value in sizes.items() if value is not None}
     packing = at_field(f"{place}.{kind}", primitive_model, kind, **lengths)
-    return at_field(field, _cut, packing, spheres)
+    return at_field(field, cut_shape, packing, spheres)
 
 
 def _trajectory(content, field):
@@ -383,11 +383,11 @@ def load_shape(model, spheres=None, scale=None, models_dir=None, folder=None):
         model = str(Path(folder) / model)
     path = find_model(model, models_dir)
     scale = 1.0 if scale is None else positive(scale, "scale", InvalidModelError)
-    return _cut(_load_packing(path, path.stat().st_mtime_ns), spheres, scale)
+    return cut_shape(_load_packing(path, path.stat().st_mtime_ns), spheres, scale)
 
 
-def _cut(packing, spheres, scale=1.0):
-    """Return the first spheres of a packing, scaled."""
+def cut_shape(packing, spheres, scale=1.0):
+    """Return the first spheres of a packing, scaled; the same arguments give the same object."""
     if spheres == AUTO:
         raise InvalidModelError(
             f"must be a positive integer; '{AUTO}' is gone since version 0.3, whose everyday scenes use exact"
