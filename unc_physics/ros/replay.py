@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -139,7 +140,7 @@ def replay(
     library = ModelLibrary(settings.models_dir)
     scenes = [_scene(kind, message, library, settings, model) for _, kind, message in messages]
     times = np.array([time for time, *_ in messages])
-    outcomes, left_out = [], {}
+    outcomes, left_out = [], Counter()
     for k, (scene, unnamed) in enumerate(scenes):
         later = {}  # numbers of later messages by the horizon that they are closest to
         for horizon in settings.horizons:
@@ -148,12 +149,10 @@ def replay(
                 later.setdefault(near, horizon)
         if not later:
             continue
-        for _ in unnamed:
-            _count(left_out, "without a model")
+        left_out["without a model"] += len(unnamed)
         try:
             scene, skipped = settle_detected(scene, environment.message, library, settings)
-            for omission in skipped.values():
-                _count(left_out, omission.kind)
+            left_out.update(omission.kind for omission in skipped.values())
             if not scene.objects:
                 continue
             after = sorted(times[near] - times[k] for near in later)
@@ -163,15 +162,11 @@ def replay(
             answer = Prediction()
             write_answer(answer, scene.header, settings, job, job.run())
         except UncPhysicsError as error:
-            _count(left_out, str(error))
+            left_out[str(error)] += 1
             continue
         for place, near in enumerate(sorted(later)):
             outcomes += _outcomes(answer, place, scenes[near][0], later[near], settings)
-    return outcomes, left_out
-
-
-def _count(counts, reason):
-    counts[reason] = counts.get(reason, 0) + 1
+    return outcomes, +left_out
 
 
 def _scene(kind, message, library, settings, model) -> tuple[Scene, dict[str, str]]:
