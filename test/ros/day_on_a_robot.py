@@ -17,8 +17,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from running import Client, Inbox, NodeProcess, wait_until
-from scenes import diagonal, moving_object, numbers_of, position_of, request_of, with_physics
-from shape_msgs.msg import Plane, SolidPrimitive
+from scenes import floor, measured, moving_object, numbers_of, position_of, request_of, with_physics
+from shape_msgs.msg import SolidPrimitive
 from soak import memory
 from std_msgs.msg import Header
 
@@ -104,12 +104,9 @@ class Day:
         return header
 
     def _pose(self, k):
-        message = PoseWithCovarianceStamped(header=self._header())
-        place = message.pose.pose.position
-        place.x, place.y, place.z = (self._rng.normal(0.0, STD, 3) + [k * SPACING, 0.0, 0.0]).tolist()
-        message.pose.covariance = diagonal(*[STD] * 3, *[0.02] * 3)
+        place = self._rng.normal(0.0, STD, 3) + [k * SPACING, 0.0, 0.0]
         self.sent += 1
-        return message
+        return PoseWithCovarianceStamped(header=self._header(), pose=measured(place, STD))
 
     def _check(self, answer):
         """A published prediction is in time, finite, and keeps cans on the table."""
@@ -129,10 +126,7 @@ class Day:
 
 def set_environment(client, *elements):
     """Set the table, and what else there is."""
-    environment = Environment(
-        elements=[EnvironmentElement(id="table", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0])), *elements]
-    )
-    request = SetEnvironment.Request(environment=environment)
+    request = SetEnvironment.Request(environment=Environment(elements=[floor(name="table"), *elements]))
     assert not client.call(SetEnvironment, f"/{NODE}/set_environment", request).result.error_code
 
 

@@ -3,11 +3,12 @@
 from array import array
 
 import numpy as np
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Point, PoseWithCovariance, Vector3
+from shape_msgs.msg import Mesh, MeshTriangle, Plane
 
 from unc_physics.checks.errors import ErrorCode
-from unc_physics.ros.messages.fields import duration
-from unc_physics_msgs.msg import Material, ObjectState, PredictionRequest, Scene
+from unc_physics.ros.messages.fields import duration, pose_message
+from unc_physics_msgs.msg import EnvironmentElement, Material, ObjectState, PredictionRequest, Scene
 
 POSITION_STD = 0.02  # m
 ROTATION_STD = 0.05  # rad
@@ -33,6 +34,31 @@ def moving_object(
     twist.linear.x, twist.linear.y, twist.linear.z = velocity
     message.pose.covariance = diagonal(*[POSITION_STD] * 3, *[ROTATION_STD] * 3)
     return message
+
+
+def floor(height=0.0, name="floor", **others):
+    """A level half-space."""
+    return EnvironmentElement(id=name, plane=Plane(coef=[0.0, 0.0, 1.0, -height]), **others)
+
+
+def mesh_message(vertices, faces):
+    """A mesh of corners (n, 3) and triangles (m, 3)."""
+    return Mesh(
+        vertices=[Point(**dict(zip("xyz", map(float, v), strict=True))) for v in vertices],
+        triangles=[MeshTriangle(vertex_indices=np.array(face, np.uint32)) for face in faces],
+    )
+
+
+def tetrahedron(height):
+    """A mesh of a corner of a box with edges of 0.1 m."""
+    corners = [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, height)]
+    return mesh_message(corners, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+
+
+def measured(position, position_std, rotation_std=0.02, q=(0.0, 0.0, 0.0, 1.0)):
+    """A measured pose with equal standard deviations [m, rad] along all axes."""
+    covariance = diagonal(*[position_std] * 3, *[rotation_std] * 3)
+    return PoseWithCovariance(pose=pose_message(position, q), covariance=covariance)
 
 
 #: Fields that are Durations, for which tests give seconds.

@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-from scenes import moving_object, request_of, with_physics
-from shape_msgs.msg import Plane
+from scenes import floor, moving_object, request_of, with_physics
 
 from unc_physics.checks.errors import ErrorCode, InvalidCovarianceError
 from unc_physics.ros.messages.covariances import ANY_ANGLE_VARIANCE, EXACT
-from unc_physics_msgs.msg import EnvironmentElement
 
 FIELD = "pose_covariance"
 STDS = np.repeat([0.01, 0.05], 3)
@@ -85,8 +83,7 @@ def on_a_table(stds, unmeasured):
     P[unmeasured, unmeasured] = 9999.0
     can.pose.covariance = P.ravel()
     request = request_of(can, horizon=0.2, propagator="monte_carlo", samples=64, seed=1)
-    table = EnvironmentElement(id="table", plane=Plane(coef=np.array([0.0, 0.0, 1.0, 0.0])))
-    request.scene.environment.elements = [table]
+    request.scene.environment.elements = [floor(name="table")]
     return with_physics(request, gravity=(0.0, 0.0, -9.81))
 
 

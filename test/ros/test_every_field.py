@@ -14,9 +14,10 @@ from scenes import (
     moving_object,
     packed,
     request_of,
+    tetrahedron,
     with_physics,
 )
-from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
+from shape_msgs.msg import Plane, SolidPrimitive
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from unc_physics.checks.errors import ErrorCode
@@ -116,9 +117,6 @@ def as_primitive(request):
 
 def as_mesh_of(find):
     """A change that gives what ``find`` finds the shape of a low pyramid, which is an obstacle far away."""
-    corners = [Point(), Point(x=0.1), Point(y=0.1), Point(z=0.05)]
-    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
-    triangles = [MeshTriangle(vertex_indices=np.array(face, np.uint32)) for face in faces]
 
     def change(request):
         message = find(request)
@@ -126,7 +124,7 @@ def as_mesh_of(find):
             message.model = ""
         else:
             message.plane, message.pose.position.x = Plane(), 9.0
-        message.mesh = Mesh(vertices=corners, triangles=triangles)
+        message.mesh = tetrahedron(0.05)
 
     return change
 

@@ -7,7 +7,16 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess
-from scenes import assert_answered, diagonal, moving_object, position_of, request_of, with_physics
+from scenes import (
+    assert_answered,
+    diagonal,
+    floor,
+    measured,
+    moving_object,
+    position_of,
+    request_of,
+    with_physics,
+)
 from shape_msgs.msg import Mesh, Plane, SolidPrimitive
 from std_msgs.msg import Header
 
@@ -49,7 +58,7 @@ def user(placed):
 
 
 def table(height=0.0, name="table"):
-    return EnvironmentElement(id=name, plane=Plane(coef=[0.0, 0.0, 1.0, -height]))
+    return floor(height, name)
 
 
 def set_environment(user, *elements, frame=""):
@@ -75,11 +84,8 @@ def predictions(user):
 
 def seen(user, x=0.0, z=ON_TABLE):
     """A detected pose, with a stamp of its own."""
-    message = PoseWithCovarianceStamped()
+    message = PoseWithCovarianceStamped(pose=measured((x, 0.0, z), STD, 0.01))
     message.header.stamp = (user.node.get_clock().now() + AHEAD).to_msg()
-    place = message.pose.pose.position
-    place.x, place.z = x, z
-    message.pose.covariance = diagonal(*[STD] * 3, *[0.01] * 3)
     return message
 
 
@@ -200,9 +206,7 @@ def test_elements_of_the_planning_scene_join_those_of_users():
 
 
 def detected(name, x=0.0, z=0.0, std=STD, model="can"):
-    state = ObjectState(id=name, model=model)
-    state.pose.pose.position.x, state.pose.pose.position.z = x, z
-    state.pose.covariance = diagonal(*[std] * 3, *[0.01] * 3)
+    state = ObjectState(id=name, model=model, pose=measured((x, 0.0, z), std, 0.01))
     state.twist.covariance[0] = -1.0
     return state
 

@@ -17,7 +17,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import qos_profile_sensor_data
 from running import READY_TIMEOUT, Client, Inbox, NodeProcess, wait_until
-from scenes import position_of
+from scenes import measured, position_of
 from shape_msgs.msg import SolidPrimitive
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
@@ -105,12 +105,8 @@ class Camera:
 
     def send(self, t, name, position, frame="world", q=(0.0, 0.0, 0.0, 1.0)):
         """Observe an object at a time."""
-        message = PoseWithCovarianceStamped()
+        message = PoseWithCovarianceStamped(pose=measured(position, STD, TURN_STD, q))
         message.header.stamp, message.header.frame_id = self.stamp(t), frame
-        pose = message.pose.pose
-        pose.position.x, pose.position.y, pose.position.z = map(float, position)
-        pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w = q
-        message.pose.covariance = np.diag([STD**2] * 3 + [TURN_STD**2] * 3).ravel()
         self._publishers[name].publish(message)
 
     def next(self):
@@ -249,12 +245,11 @@ def test_detections_are_tracked(camera, listener):
     for k in range(4):
         array = messages.Detection3DArray()
         array.header.stamp, array.header.frame_id = camera.stamp(k * PERIOD), "world"
-        for (model, name), (x, y, z) in sorted(places.items(), reverse=bool(k % 2)):
+        for (model, name), place in sorted(places.items(), reverse=bool(k % 2)):
             own = messages.Detection3D(id=name.strip())
             best = messages.ObjectHypothesisWithPose()
             best.hypothesis.class_id, best.hypothesis.score = model, 0.9
-            best.pose.pose.position.x, best.pose.pose.position.y, best.pose.pose.position.z = x, y, z
-            best.pose.covariance = np.diag([STD**2] * 3 + [TURN_STD**2] * 3).ravel()
+            best.pose = measured(place, STD, TURN_STD)
             own.results = [best]
             array.detections = [*array.detections, own]
         found = camera.answer_of(k * PERIOD, lambda array=array: publisher.publish(array))

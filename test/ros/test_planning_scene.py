@@ -9,15 +9,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped
-from scenes import assert_answered, orientation_of, packed, position_of
+from geometry_msgs.msg import Pose, TransformStamped
+from scenes import assert_answered, orientation_of, packed, position_of, tetrahedron
 from scipy.spatial.transform import Rotation
-from shape_msgs.msg import Mesh, MeshTriangle, Plane, SolidPrimitive
+from shape_msgs.msg import Plane, SolidPrimitive
 from std_msgs.msg import Header
 
 from unc_physics import load_model
 from unc_physics.checks.errors import UncPhysicsError
 from unc_physics.ros import request_of_planning_scene
+from unc_physics.ros.messages.fields import pose_message
 from unc_physics.ros.messages.frames import IDENTITY
 from unc_physics.ros.messages.planning_scene import PlanningWorld
 from unc_physics.ros.messages.scene import read_scene
@@ -53,22 +54,11 @@ OWN, INNER = Rotation.from_euler("z", 0.7), Rotation.from_euler("x", -0.4)
 
 
 def pose(position, turn):
-    return Pose(
-        position=Point(**dict(zip("xyz", map(float, position), strict=True))),
-        orientation=Quaternion(**dict(zip("xyzw", map(float, turn.as_quat()), strict=True))),
-    )
+    return pose_message(position, turn.as_quat())
 
 
 def box(*size):
     return SolidPrimitive(type=SolidPrimitive.BOX, dimensions=packed(size))
-
-
-def tetrahedron():
-    corners = [Point(), Point(x=0.1), Point(y=0.1), Point(z=0.1)]
-    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
-    return Mesh(
-        vertices=corners, triangles=[MeshTriangle(vertex_indices=np.array(face, np.uint32)) for face in faces]
-    )
 
 
 def planning_scene():
@@ -90,7 +80,7 @@ def planning_scene():
         ),
         CollisionObject(header=base, id="bin", primitives=[box(1.0, 0.1, 0.5), box(0.1, 1.0, 0.5)]),
         CollisionObject(
-            header=base, id="stone", meshes=[tetrahedron()], mesh_poses=[pose((2.0, 0.0, 0.0), OWN)]
+            header=base, id="stone", meshes=[tetrahedron(0.1)], mesh_poses=[pose((2.0, 0.0, 0.0), OWN)]
         ),
         CollisionObject(
             header=base, id="floor", planes=[Plane(coef=[0.0, 0.0, 1.0, 0.5])], plane_poses=[Pose()]

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from message_fields import message_type
-from scenes import diagonal
-from shape_msgs.msg import Plane
+from scenes import floor, measured
 
 from unc_physics.checks.errors import ErrorCode
+from unc_physics.ros.messages.fields import stamp_of
 from unc_physics.ros.node_environment import NodeEnvironment
 from unc_physics.ros.parameters import Settings
 from unc_physics.ros.replay import POSE, main, replay, report
-from unc_physics_msgs.msg import EnvironmentElement
 
 PERIOD, STD = 0.1, 0.004  # s, m
 
@@ -23,13 +22,10 @@ def poses(count, stated=STD, speed=0.0):
     """Detections of a can on the table, with errors of `STD` and another standard deviation stated."""
     rng, found = np.random.default_rng(1), []
     for k in range(count):
-        message = PoseWithCovarianceStamped()
-        nanoseconds = round(k * PERIOD * 1e9)
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(nanoseconds, 10**9)
-        place, error = message.pose.pose.position, rng.normal(0.0, STD, 3)
-        place.x, place.y = error[0] + speed * k * PERIOD, error[1]
-        place.z = abs(error[2])
-        message.pose.covariance = diagonal(*[stated] * 3, *[0.01] * 3)
+        error = rng.normal(0.0, STD, 3)
+        place = error[0] + speed * k * PERIOD, error[1], abs(error[2])
+        message = PoseWithCovarianceStamped(pose=measured(place, stated, 0.01))
+        message.header.stamp = stamp_of(round(k * PERIOD * 1e9))
         found.append(message)
     return found
 
@@ -55,7 +51,7 @@ def plain(message):
 @pytest.fixture
 def environment():
     made = NodeEnvironment()
-    made.set([EnvironmentElement(id="table", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))])
+    made.set([floor()])
     return made
 
 

@@ -5,17 +5,17 @@ from scenes import (
     assert_answered,
     assert_same,
     explicit,
+    floor,
     good_request,
     moving_object,
     position_of,
     request_of,
     with_physics,
 )
-from shape_msgs.msg import Plane
 
 from unc_physics.checks.errors import ErrorCode
 from unc_physics.ros.messages.fields import duration, seconds
-from unc_physics_msgs.msg import EnvironmentElement, ObjectState
+from unc_physics_msgs.msg import ObjectState
 
 
 def test_the_node_s_own_physics_is_a_robot_s_world(predict):
@@ -41,7 +41,7 @@ def test_the_step_over_exact_shapes_is_served(predict):
     cans = [moving_object(f"can{k}", "can", (0.0, 0.0, 0.2 + 0.2 * k), spheres=0) for k in range(2)]
     # not by `auto`, whose number of rollouts depends on the clock
     request = request_of(*cans, return_probabilities=True, seed=3, propagator="cloud")
-    request.scene.environment.elements = [EnvironmentElement(plane=Plane(coef=[0.0, 0.0, 1.0, 0.0]))]
+    request.scene.environment.elements = [floor()]
     request = with_physics(request, gravity=(0.0, 0.0, -9.81))
     response = predict(request)
     assert_answered(response)
@@ -76,7 +76,7 @@ def test_a_scene_in_which_nothing_moves(predict):
 def test_a_budget_of_time_that_not_even_the_fewest_rollouts_keep(predict):
     request = good_request(horizon=60.0)
     request.time_budget = duration(0.05)
-    request.scene.environment.elements = [EnvironmentElement(plane=Plane(coef=[0.0, 0.0, 1.0, 0.5]))]
+    request.scene.environment.elements = [floor(-0.5)]
     response = predict(with_physics(request, gravity=(0.0, 0.0, -9.81), sleep=False))
     assert response.result.error_code == ErrorCode.TIMEOUT
     assert "time_budget" in response.result.error_msg and "0.05" in response.result.error_msg

@@ -4,10 +4,11 @@ import threading
 
 import numpy as np
 import pytest
+import scenes
 import trimesh
 from geometry_msgs.msg import Point, Point32, Polygon
 from scenes import material_of, moving_object, packed
-from shape_msgs.msg import Mesh, MeshTriangle, SolidPrimitive
+from shape_msgs.msg import Mesh, SolidPrimitive
 
 from unc_physics.checks.errors import ErrorCode, NoObjectsError, UncPhysicsError
 from unc_physics.ros import models
@@ -33,10 +34,7 @@ def library():
 
 
 def mesh_message(mesh):
-    return Mesh(
-        vertices=[Point(**dict(zip("xyz", map(float, v), strict=True))) for v in mesh.vertices],
-        triangles=[MeshTriangle(vertex_indices=np.array(face, np.uint32)) for face in mesh.faces],
-    )
+    return scenes.mesh_message(mesh.vertices, mesh.faces)
 
 
 TORUS = trimesh.creation.torus(0.1, 0.03, major_sections=12, minor_sections=8)

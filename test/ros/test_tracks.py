@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseWithCovariance
-from shape_msgs.msg import Plane, SolidPrimitive
+from scenes import floor, measured
+from shape_msgs.msg import SolidPrimitive
 
 from unc_physics import assess_stability
 from unc_physics.checks.errors import InvalidEnvironmentError, InvalidModelError, NotReadyError
@@ -21,10 +21,6 @@ STD, START = 0.002, 1_000_000_000_000  # m, ns
 SETTINGS = Settings(track=True, exact=True, forget_after=5.0)
 
 
-def floor(offset=0.0):
-    return [EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, offset]))]
-
-
 def block_at(name, x):
     """The first shape of an object of a planning scene."""
     block = EnvironmentElement(id=f"{name}/0")
@@ -36,7 +32,7 @@ def block_at(name, x):
 @pytest.fixture
 def tracks():
     library, environment = ModelLibrary(), NodeEnvironment()
-    environment.set(floor())
+    environment.set([floor()])
     yield Scenery(Tracks(library, environment), environment, library)
     library.discard()
 
@@ -51,10 +47,7 @@ class Scenery:
         """Observe cans or others, at positions and an angle, after a time; with an id if ``named``."""
         seen = []
         for k, (place, model) in enumerate(zip(places, models or ["can"] * len(places), strict=False)):
-            pose = PoseWithCovariance()
-            pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = map(float, place)
-            pose.pose.orientation.z, pose.pose.orientation.w = float(np.sin(yaw / 2)), float(np.cos(yaw / 2))
-            pose.covariance = np.diag([STD**2] * 3 + [0.02**2] * 3).ravel()
+            pose = measured(place, STD, q=(0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)))
             seen.append(detected_object(f"{model} {k}", model, pose, self.library, SETTINGS))
         ids = {own.id for own in seen} if named else ()
         return self.tracks.observe(self.stamp(t), seen, ids, settings)
@@ -84,12 +77,15 @@ def test_objects_without_an_id_need_a_second_observation(tracks):
     assert list(tracks.known()) == ["can_1", "can_2"]
 
 
-def test_two_observations_of_an_object_are_one(tracks):
+@pytest.mark.parametrize(("named", "known"), [(False, "can_1"), (True, "can 0")])
+def test_two_observations_of_an_object_are_one(tracks, named, known):
+    """As by two detectors."""
     for k in range(2):
-        tracks.see(0.1 * k, (0, 0, 0))
-    outcome = tracks.see(0.2, (0, 0, 0), (0.01, 0, 0))
-    assert outcome.accepted == 1 and outcome.skipped == {"can 1": "is a second observation of 'can_1'"}
-    assert len(tracks.known()) == 1
+        tracks.see(0.1 * k, (0, 0, 0), named=named)
+    for k in range(2, 5):
+        outcome = tracks.see(0.1 * k, (0, 0, 0), (0.004, 0, 0), named=named)
+        assert outcome.accepted == 1 and outcome.skipped == {"can 1": f"is a second observation of '{known}'"}
+    assert list(tracks.known()) == [known]
 
 
 def test_pairs_are_the_most_likely_ones():
@@ -179,7 +175,7 @@ def test_a_floor_that_vanishes_lets_objects_fall(tracks):
         tracks.see(k / 30, (0, 0, 0), named=True)
     tracks.tracks.advance(tracks.stamp(0.5), SETTINGS)
     assert height(tracks.known()["can 0"]) == pytest.approx(0.0, abs=0.005)
-    tracks.environment.set(floor(offset=5.0))
+    tracks.environment.set([floor(-5.0)])
     tracks.tracks.advance(tracks.stamp(0.9), SETTINGS)
     # it falls from the newest observation on, which is a window or less ago
     fallen = -height(tracks.known()["can 0"])
@@ -187,7 +183,7 @@ def test_a_floor_that_vanishes_lets_objects_fall(tracks):
 
 
 def test_an_obstacle_that_becomes_an_object_is_no_obstacle(tracks):
-    tracks.environment.set([*floor(), block_at("can 1", 1.0)])
+    tracks.environment.set([floor(), block_at("can 1", 1.0)])
     tracks.see(0.0, (0, 0, 0), named=True)
     assert tracks.see(0.1, (0, 0, 0), (1, 0, 0), named=True).births == 1
     places = {name: (own.pose.pose.position.x, height(own)) for name, own in tracks.known().items()}
@@ -199,7 +195,7 @@ def test_an_obstacle_that_becomes_an_object_is_no_obstacle(tracks):
 
 def test_objects_that_are_new_at_the_same_time_are_all_tracked(tracks):
     """The last one is in the planning scene, too, so that another tracker begins with it."""
-    tracks.environment.set([*floor(), block_at("can 2", 2.0)])
+    tracks.environment.set([floor(), block_at("can 2", 2.0)])
     tracks.see(0.0, (0, 0, 0), named=True)
     places = (0, 0, 0), (1, 0, 0), (2, 0, 0)
     assert tracks.see(0.1, *places, named=True).births == 2
@@ -223,7 +219,7 @@ def test_an_object_that_is_invalid_in_a_new_environment_is_dropped(tracks, monke
     both, models = ((0, 0, 0), (1, 0, 0)), ("can", "plate")
     assert tracks.see(0.0, *both, models=models, named=True).births == 2
     assert tracks.tracks.take_dropped() == {}
-    tracks.environment.set(floor(offset=0.01))
+    tracks.environment.set([floor(-0.01)])
     lose(tracks, "plate", monkeypatch)
     outcome = tracks.see(0.1, both[0], named=True)
     assert outcome.accepted == 1 and not outcome.skipped
@@ -238,7 +234,7 @@ def test_an_object_that_is_invalid_in_a_new_environment_is_dropped(tracks, monke
 
 def test_without_valid_objects_nothing_is_tracked_until_a_new_one(tracks, monkeypatch):
     tracks.see(0.0, (0, 0, 0), models=["plate"], named=True)
-    tracks.environment.set(floor(offset=0.01))
+    tracks.environment.set([floor(-0.01)])
     lose(tracks, "plate", monkeypatch)
     tracks.tracks.advance(tracks.stamp(0.5), SETTINGS)
     assert not tracks.known() and not tracks.tracks.names
@@ -265,8 +261,7 @@ def test_an_object_that_changes_its_id_stays_one_object(tracks):
     """As after an id switch of a detector: two solids of one model are not in one place."""
     for k in range(10):
         tracks.see(0.1 * k, (0.0, 0.0, 0.0), named=True)
-    place = PoseWithCovariance()
-    place.covariance = np.diag([STD**2] * 3 + [0.02**2] * 3).ravel()
+    place = measured((0, 0, 0), STD)
     for k in range(10, 20):
         other = detected_object("other", "can", place, tracks.library, SETTINGS)
         outcome = tracks.tracks.observe(tracks.stamp(0.1 * k), [other], {"other"}, SETTINGS)
@@ -274,16 +269,9 @@ def test_an_object_that_changes_its_id_stays_one_object(tracks):
     assert list(tracks.known()) == ["can 0"]
 
 
-def test_an_object_that_two_detectors_name_is_one(tracks):
-    for k in range(5):
-        outcome = tracks.see(0.1 * k, (0.0, 0.0, 0.0), (0.004, 0.0, 0.0), named=True)
-        assert outcome.skipped == {"can 1": "is a second observation of 'can 0'"}
-    assert list(tracks.known()) == ["can 0"]
-
-
 def test_a_call_that_is_interrupted_leaves_the_tracker_as_it_was():
     library, environment = ModelLibrary(), NodeEnvironment()
-    environment.set(floor())
+    environment.set([floor()])
     stopped = []
 
     def interrupt():

@@ -4,11 +4,10 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-from geometry_msgs.msg import PoseWithCovariance
 from numba.core import caching
-from shape_msgs.msg import Plane, SolidPrimitive
+from scenes import floor, measured
+from shape_msgs.msg import SolidPrimitive
 
 from unc_physics.prediction import warm_up as core
 from unc_physics.prediction.request_checks import marks_of
@@ -28,9 +27,7 @@ SECOND = 1_000_000_000  # ns
 
 def seen(x, library, settings):
     """A detected can."""
-    found = PoseWithCovariance(covariance=np.diag([4e-6] * 3 + [4e-4] * 3).ravel())
-    found.pose.position.x, found.pose.orientation.w = x, 1.0
-    return detected_object(f"can {x}", "can", found, library, settings)
+    return detected_object(f"can {x}", "can", measured((x, 0, 0), 0.002), library, settings)
 
 
 def stream(library, environment, settings):
@@ -65,7 +62,7 @@ def main(run):
         id="box", primitive=SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[0.1] * 3)
     )
     box.pose.position.x = 1.0
-    environment.set([EnvironmentElement(id="floor", plane=Plane(coef=[0.0, 0.0, 1.0, 0.0])), box])
+    environment.set([floor(), box])
     if run is track:
         core.warm_up(("monte_carlo",), settings.physics, warm_up_tracker)
     warm_up(settings.warm_up, settings, lambda *_: None)
