@@ -267,9 +267,7 @@ def read_request(
     check_supported(read.scene, propagator)
     belief = at_field("scene", _with_common_error, read.belief, message, transform)
     job = Job(
-        scene=read.scene,
-        belief=belief,
-        models=read.models,
+        **(read._asdict() | {"belief": belief}),
         propagator=propagator,
         marks=read_marks(request, horizon, read.scene, settings),
         seed=getattr(propagator, "seed", seed or 0),
@@ -277,9 +275,6 @@ def read_request(
         regions=limited_regions(request.regions, settings),
         return_samples=request.return_samples,
         outputs=RequestedOutputs.read(request),
-        zeros_replaced=read.zeros_replaced,
-        skipped=read.skipped,
-        notes=read.notes,
     )
     check_answer(job, settings)
     return job

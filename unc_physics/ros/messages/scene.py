@@ -136,9 +136,9 @@ class ReadObject(NamedTuple):
     Attributes
     ----------
     fields : BodyFields
+    body : RigidBody
     model : str
         Name in the message.
-    body : RigidBody
     state : (13,) array
         At the centre of mass.
     covariance : (12, 12) array
@@ -149,8 +149,8 @@ class ReadObject(NamedTuple):
     """
 
     fields: BodyFields
-    model: str
     body: RigidBody
+    model: str
     state: np.ndarray
     covariance: np.ndarray
     zeros_replaced: bool = False
@@ -213,9 +213,7 @@ def read_scene(
         place = BodyFields(field, grouped.get(own.id, ObjectActions(own.id)))
         try:
             _check_id(own, field, taken)
-            arguments, state, P, zeros, notes = _body(own, place, library, covariance_defaults, wait)
-            body = _body_at(place, arguments)
-            read.append(ReadObject(place, own.model or body.model.name, body, state, P, zeros, notes))
+            read.append(_body(own, place, library, covariance_defaults, wait))
         except UncPhysicsError as error:
             if not skip_invalid_objects:
                 raise
@@ -223,10 +221,7 @@ def read_scene(
     if not read:
         raise AllSkippedError(skipped)
     _check_element_ids(environment.elements, taken)
-    for element in packed:
-        place = BodyFields(element.field, ObjectActions(element.name))
-        arguments, state, P = _fixed(element)
-        read.append(ReadObject(place, element.model.name, _body_at(place, arguments), state, P))
+    read += map(_fixed, packed)
     bodies = tuple(own.body for own in read)
     mean = np.array([own.state for own in read])
     physics = with_chosen_stiffness(physics, bodies, mean)
@@ -289,10 +284,10 @@ def _check_element_ids(elements, taken):
             )
 
 
-def _body_at(place, arguments):
-    """Return a body; errors name fields of the message."""
+def _read_object(place, arguments, *others):
+    """Return an object with a body of these arguments; errors name fields of the message."""
     try:
-        return _rigid_body(*arguments)
+        return ReadObject(place, _rigid_body(*arguments), *others)
     except UncPhysicsError as error:
         name = (error.field or "").partition(" of body ")[0]
         raise error.at(place.of(name)) from error
@@ -343,11 +338,13 @@ def _hashable(value):
 
 
 def _fixed(element):
-    """Return the arguments, the state and the covariance of a packed element's body."""
-    at_origin = np.zeros(STATE)
-    at_origin[POSITION], at_origin[QUATERNION] = element.position, element.orientation
-    body = element.name, element.model, 1.0, True, *_EXACT, False, None, None, element.material
-    return body, moved(at_origin, writable(element.model.origin), -1.0), np.zeros((ERROR, ERROR))
+    """Return a packed element as a fixed object."""
+    state, model = np.zeros(STATE), element.model
+    state[POSITION], state[QUATERNION] = element.position, element.orientation
+    state = moved(state, writable(model.origin), -1.0)
+    body = element.name, model, 1.0, True, *_EXACT, False, None, None, element.material
+    place = BodyFields(element.field, ObjectActions(element.name))
+    return _read_object(place, body, model.name, state, np.zeros((ERROR, ERROR)))
 
 
 def _check_shape(message, kinematic, field):
@@ -381,7 +378,7 @@ def _shape(message, library, wait):
 
 
 def _body(message, place, library, covariance_defaults, wait):
-    """Return a body's arguments, state (13,), covariance (12, 12), whether zeros are replaced, and notes."""
+    """Return an object; ``wait`` is as in `read_environment`."""
     field, actions = place
     fixed = _is_fixed(message, place)
     _check_shape(message, fixed or actions.trajectory is not None, field)
@@ -403,11 +400,11 @@ def _body(message, place, library, covariance_defaults, wait):
     inertia = _inertia(message, f"{field}.inertia")
     drag = (("drag", message.drag),) if message.drag else ()
     named = material + drag + read_actions(actions)
-    body = message.id, model, mass, fixed, *stds
+    body, name = (message.id, model, mass, fixed, *stds), message.model or model.name
     if kinematic:
         at_start = moved(_state(message, field, fixed), origin, -1.0) if path is None else path.states[0]
         body = *body, bool(message.at_rest), inertia, path, named
-        return body, at_start, np.zeros((ERROR, ERROR)), False, ()
+        return _read_object(place, body, name, at_start, np.zeros((ERROR, ERROR)))
     pose, C, changes = _covariance(message, field, covariance_defaults)
     at_rest = bool(message.at_rest) or pose.is_supported
     state = moved(_state(message, field, fixed, at_rest), origin, -1.0)
@@ -417,7 +414,8 @@ def _body(message, place, library, covariance_defaults, wait):
         P[ERR_ROTATION, ERR_ROTATION] += ANY_ANGLE_VARIANCE * np.outer(vertical, vertical)
     if not math.isfinite(state.sum() + P.sum()):
         raise NotFiniteError("is too large to be moved to the centre of mass", field=field)
-    return (*body, at_rest, inertia, path, named), state, P, pose.zeros_replaced, changes
+    body = *body, at_rest, inertia, path, named
+    return _read_object(place, body, name, state, P, pose.zeros_replaced, changes)
 
 
 def _inertia(message, field):
