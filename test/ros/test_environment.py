@@ -25,7 +25,7 @@ from unc_physics import load_model
 from unc_physics.ros import make_message
 from unc_physics.ros.markers import markers
 from unc_physics.ros.messages.environment import read_environment
-from unc_physics.ros.messages.fields import seconds
+from unc_physics.ros.messages.fields import pose_message, seconds
 from unc_physics.ros.models import ShapePacker
 from unc_physics.ros.parameters import Settings
 from unc_physics.scene.environment import Capsule, Cylinder, Sphere
@@ -111,10 +111,9 @@ def solids_of(*elements):
     return markers(Header(), job, SimpleNamespace(objects=[]), Settings()).markers[1:]
 
 
-def test_spheres_and_cylinders_are_read_as_they_are():
-    pose = Pose()
-    pose.position.x, pose.position.z = 0.5, 1.0
-    pose.orientation.x, pose.orientation.w = 0.6, 0.8
+def test_round_solids_are_read_and_drawn_where_they_are():
+    position, turn = np.array([0.5, -1.0, 2.0]), Rotation.from_rotvec([0.4, -0.3, 0.8])
+    pose = pose_message(position, turn.as_quat())
     primitives = [
         SolidPrimitive(type=SolidPrimitive.SPHERE, dimensions=[0.3]),
         SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=[2.0, 0.1]),
@@ -123,25 +122,13 @@ def test_spheres_and_cylinders_are_read_as_they_are():
         EnvironmentElement(id=name, primitive=primitive, pose=pose)
         for name, primitive in zip(("ball", ""), primitives, strict=True)
     ]
-    ball, post = read_environment(Environment(elements=elements), ShapePacker())[0]
-    assert (type(ball), ball.radius, ball.name) == (Sphere, 0.3, "ball")
-    assert (type(post), post.radius, post.length, post.name) == (Cylinder, 0.1, 2.0, "element_1")
-    for element in (ball, post):
-        assert element.position.tolist() == [0.5, 0.0, 1.0]
-    assert np.allclose(post.orientation, [0.6, 0.0, 0.0, 0.8])
-
-
-def test_round_markers_are_where_the_solids_are():
-    position, turn = np.array([0.5, -1.0, 2.0]), Rotation.from_rotvec([0.4, -0.3, 0.8])
-    ball, post, rail, *ends = solids_of(
-        Sphere(0.3, position, "ball"),
-        Cylinder(0.1, 2.0, position, turn.as_quat()),
-        Capsule(0.1, 2.0, position, turn.as_quat(), "rail"),
-    )
+    read = read_environment(Environment(elements=elements), ShapePacker())[0]
+    assert [type(element) for element in read] == [Sphere, Cylinder]
+    ball, post, rail, *ends = solids_of(*read, Capsule(0.1, 2.0, position, turn.as_quat(), "rail"))
     assert (ball.type, post.type, rail.type) == (Marker.SPHERE, Marker.CYLINDER, Marker.CYLINDER)
     assert [(marker.ns, marker.id) for marker in (ball, post, rail, *ends)] == [
         ("environment ball", 0),
-        ("environment cylinder_1", 0),
+        ("environment element_1", 0),
         *(("environment rail", k) for k in range(3)),
     ]
     for marker, size in ((ball, (0.6, 0.6, 0.6)), (post, (0.2, 0.2, 2.0)), (rail, (0.2, 0.2, 2.0))):

@@ -10,7 +10,7 @@ import functools
 import importlib
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,6 @@ from unc_physics_msgs.msg import Environment, ObjectState, Scene
 
 from ..checks.errors import UncPhysicsError
 from ..checks.validation import array, quaternion
-from ..scene.environment import Element
 from ..shapes.distance import signed_distance
 from ..shapes.packing_file import SpherePacking
 from ..shapes.primitive_models import primitive_model
@@ -83,6 +82,12 @@ class _Body(NamedTuple):
     orientation: np.ndarray
     model: SpherePacking
     covariance: np.ndarray
+
+    @classmethod
+    def obstacle(cls, own: PackedElement) -> _Body:
+        """Return a packed element."""
+        place = np.array(own.position), np.array(own.orientation)
+        return cls(own.name, *place, own.model, np.zeros((6, 6)))
 
     @property
     def pose(self) -> tuple[np.ndarray, np.ndarray]:
@@ -299,7 +304,8 @@ def settle_detected(
             for own in kept
             if own.id in bodies and own.twist.covariance[0] == UNKNOWN and not own.at_rest
         }
-        gaps = _stand(open_ones, bodies, _supports(environment, library), up / length)
+        elements, packed = read_environment(environment, library.shape_packer, wait=False)
+        gaps = _stand(open_ones, bodies, [*elements, *map(_Body.obstacle, packed)], up / length)
         for name, gap in gaps.items():
             skipped[name] = Omission(
                 IN_MID_AIR,
@@ -356,30 +362,9 @@ def smallest_extent(model: SpherePacking) -> float:
     return float(np.ptp(model.corners, axis=0).min())
 
 
-def _supports(environment, library) -> Sequence[Element | _Body]:
-    """Return the elements of an environment; packed ones as bodies."""
-    elements, packed = read_environment(environment, library.shape_packer, wait=False)
-    return [*elements, *map(_obstacle, packed)]
-
-
-def _obstacle(element: PackedElement) -> _Body:
-    return _Body(
-        element.name,
-        np.array(element.position),
-        np.array(element.orientation),
-        element.model,
-        np.zeros((6, 6)),
-    )
-
-
 def _body(own, library, settings) -> _Body:
     """Return an object at its mean pose."""
-    if own.model:
-        model = library.shape(own.model, own.spheres, own.scale)
-    else:
-        pack = library.shape_packer.of_primitive if own.primitive.type else library.shape_packer.of_mesh
-        shape = own.primitive if own.primitive.type else own.mesh
-        model = pack(shape, own.spheres, own.id, False).scaled(own.scale or 1.0)
+    model = library.shape(own.model)
     position = array(xyz(own.pose.pose.position), (3,), "position")
     orientation = quaternion(xyzw(own.pose.pose.orientation), "orientation")
     P = settings.covariance_defaults.known_pose(own.pose.covariance, "pose.covariance")
