@@ -236,7 +236,7 @@ BAD = [
     physics("INVALID_HORIZON", dt=0.0),
     physics("NOT_FINITE", dt=NAN),
     field("physics.dt", 0.1, "INVALID_REQUEST", "physics.dt needs has_dt beside it"),
-    field("physics.gravity", Vector3(z=1.0), "INVALID_REQUEST", "physics.gravity needs has_gravity"),
+    field("physics.sleep", True, "INVALID_REQUEST", "physics.sleep needs has_sleep"),
     field("@.material.friction", 0.3, "INVALID_REQUEST", "@.material.friction needs has_friction"),
     physics("NOT_FINITE", stiffness=NAN),
     physics("INVALID_OPTION", stiffness=-2.0),
