@@ -468,53 +468,26 @@ class Tracks:
         """Return measurements of tracked objects by id, and those of new ones with their states."""
         seen: dict[str, PoseMeasurement] = {}
         born: dict[str, tuple[ObjectState, PoseMeasurement]] = {}
-        loose, new = [], []
+        new, loose = [], []  # with a new id, and without one
         for own, measurement in found:
-            known = self._states.get(own.id)
+            known, place = self._states.get(own.id), Place.of(own.model, measurement)
             if settings.association != "id" or own.id not in named:
-                loose.append((own, measurement))
+                loose.append((own, measurement, place))
             elif own.id in self._robots:
                 skipped[own.id] = "id must be that of no prescribed object"
             elif known is None:
-                new.append((own, measurement))
+                new.append((own, measurement, place))
             elif known.model != own.model:
                 skipped[own.id] = f"model must be '{known.model}', as before (got '{own.model}')"
             else:
                 seen[own.id] = measurement
-        self._identify(stamp, new, seen, born, skipped)
-        if not loose:
+        if not (new or loose):
             return seen, born
-        places = [Place.of(own.model, measurement) for own, measurement in loose]
-        expected = self._expected(stamp, [name for name in self._states if name not in seen])
-        pairs = assign(list(expected.values()), places, settings.association_distance)
-        names = list(expected)
-        for i, j in pairs:
-            seen[names[i]] = loose[j][1]
-        paired = {j for _, j in pairs}
-        there = {
-            **expected,
-            **{name: Place.of(self._states[name].model, measurement) for name, measurement in seen.items()},
-        }
-        for j, (own, measurement) in enumerate(loose):
-            if j in paired:
-                continue
-            if (other := self._memory.same_object(places[j], there)) is not None:
-                skipped[own.id] = f"is a second observation of '{other}'"
-            elif self._memory.confirms(places[j], stamp, settings.association_distance):
-                name = own.id if own.id in named else None
-                born[self._new_name(own.model, name, born)] = own, measurement
-        return seen, born
-
-    def _identify(self, stamp, new, seen, born, skipped):
-        """Sort observations with new ids into new objects and known ones that have changed their id.
-
-        Two solids of one model are not in one place: an object that is observed there under its own id, too,
-        was detected twice, and one that is not has changed its id.
-        """
-        there = self._expected(stamp, list(self._states)) if new else {}
-        there |= {name: Place.of(self._states[name].model, measured) for name, measured in seen.items()}
-        for own, measurement in new:
-            place = Place.of(own.model, measurement)
+        expected = self._expected(stamp)
+        there = expected | {name: Place.of(self._states[name].model, one) for name, one in seen.items()}
+        # two solids of one model are not in one place: one that is observed there under its own id, too,
+        # was detected twice, and one that is not has changed its id
+        for own, measurement, place in new:
             other = self._memory.same_object(place, there)
             if other is None:
                 born[own.id], there[own.id] = (own, measurement), place
@@ -523,10 +496,23 @@ class Tracks:
             else:
                 seen[other], there[other] = measurement, place
                 skipped[own.id] = f"is where '{other}' is, and corrects that: its id has changed"
+        unseen = [name for name in expected if name not in seen]
+        places = [place for *_, place in loose]
+        pairs = assign([expected[name] for name in unseen], places, settings.association_distance)
+        for i, j in pairs:
+            _, seen[unseen[i]], there[unseen[i]] = loose[j]
+        paired = {j for _, j in pairs}
+        for own, measurement, place in (one for j, one in enumerate(loose) if j not in paired):
+            if (other := self._memory.same_object(place, there)) is not None:
+                skipped[own.id] = f"is a second observation of '{other}'"
+            elif self._memory.confirms(place, stamp, settings.association_distance):
+                name = own.id if own.id in named else None
+                born[self._new_name(own.model, name, born)] = own, measurement
+        return seen, born
 
-    def _expected(self, stamp, names):
+    def _expected(self, stamp):
         """Return where tracked objects are expected at a time, by their ids."""
-        if self._tracker is None or not names:
+        if self._tracker is None:
             return {}
         scene = self._tracker.scene
         try:
@@ -536,7 +522,7 @@ class Tracks:
         there = gaussian_at_origins(belief, np.array([body.model.origin for body in scene.bodies]))
         found = {}
         for row, b in enumerate(scene.moving.tolist()):
-            if (name := scene.bodies[b].name) in names:
+            if (name := scene.bodies[b].name) in self._states:
                 P = there.blocks[row][OF_POSITION, OF_POSITION]
                 found[name] = Place(self._states[name].model, there.mean[b, POSITION], P)
         return found
