@@ -9,6 +9,7 @@ import threading
 import time
 
 import rclpy
+from rcl_interfaces.srv import SetParameters
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -147,6 +148,12 @@ class Client:
         returned.
         """
         return result_of(result_of(self.executor.create_task(start)), timeout)
+
+    def set_parameter(self, node, name, value):
+        """Set a parameter of a node; the result says whether it was accepted."""
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        (result,) = self.call(SetParameters, f"/{node}/set_parameters", request).results
+        return result
 
     def predict(self, request, node="unc_physics", **others):
         """Call `~/predict` with a PredictionRequest."""

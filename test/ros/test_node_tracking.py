@@ -13,8 +13,6 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Transform
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rclpy.qos import qos_profile_sensor_data
 from running import READY_TIMEOUT, Client, Inbox, NodeProcess, wait_until
 from scenes import measured, position_of
@@ -214,8 +212,8 @@ def test_swapped_names_move_nothing(camera, listener, association):
 
     try:
         if association == "distance":
-            set_parameter(listener, "association_distance", 0.1)
-            set_parameter(listener, "association", "distance")
+            listener.set_parameter("tracker", "association_distance", 0.1)
+            listener.set_parameter("tracker", "association", "distance")
         for k in range(6):
             found = see(k, swapped=False)
         names = [name for _, name in sorted((own.pose.pose.position.y, name) for name, own in found.items())]
@@ -223,8 +221,8 @@ def test_swapped_names_move_nothing(camera, listener, association):
         for k in range(6, 8):
             found = see(k, swapped=True)
     finally:
-        set_parameter(listener, "association", "id")
-        set_parameter(listener, "association_distance", 0.2)
+        listener.set_parameter("tracker", "association", "id")
+        listener.set_parameter("tracker", "association_distance", 0.2)
     rejections = 2 if association == "id" else 0
     for name, y in zip(names, (-0.15, 0.15), strict=True):
         assert found[name].pose.pose.position.y == pytest.approx(y, abs=0.01)
@@ -257,16 +255,6 @@ def test_detections_are_tracked(camera, listener):
     ys = {own.id: own.pose.pose.position.y for own in found.objects}
     assert list(ys) == ["mug of Ann", "can_1", "can_2"]  # a can without an id needs a second detection
     assert sorted([ys["can_1"], ys["can_2"]]) == pytest.approx([-0.2, 0.2], abs=0.01)
-
-
-def set_parameter(listener, name, value):
-    kind = {str: "string", int: "integer", float: "double"}[type(value)]
-    message = ParameterValue(
-        type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"), **{f"{kind}_value": value}
-    )
-    request = SetParameters.Request(parameters=[Parameter(name=name, value=message)])
-    (result,) = listener.call(SetParameters, "/tracker/set_parameters", request).results
-    assert result.successful, result.reason
 
 
 def stand(camera):

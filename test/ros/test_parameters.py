@@ -3,8 +3,8 @@
 import pytest
 import rclpy
 import rclpy.parameter
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, ListParameters
 from running import NodeProcess
 from scenes import assert_answered, moving_object, position_of, request_of, with_physics
 
@@ -21,17 +21,7 @@ def node():
 
 @pytest.fixture
 def change(node, client):
-    def set_one(name, value):
-        kinds = {float: "double", str: "string", list: "double_array", int: "integer"}
-        kind = kinds[type(value)]
-        message = ParameterValue(
-            type=getattr(ParameterType, f"PARAMETER_{kind.upper()}"), **{f"{kind}_value": value}
-        )
-        request = SetParameters.Request(parameters=[Parameter(name=name, value=message)])
-        (result,) = client.call(SetParameters, "/parameters/set_parameters", request).results
-        return result
-
-    return set_one
+    return lambda name, value: client.set_parameter("parameters", name, value)
 
 
 def test_every_parameter_is_described(node, client):
