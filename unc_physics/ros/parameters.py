@@ -78,7 +78,7 @@ class ClassModel(NamedTuple):
     origin: str = ""
 
 
-def parameter(default, description, *, low=0.0, high=1e6, choices=(), read_only=False):
+def parameter(default: Any, description, *, low=0.0, high=1e6, choices=(), read_only=False) -> Any:
     """Return a field of `Settings` that is a ROS parameter; ranges of numbers include their ends."""
     is_number = isinstance(default, (int, float)) and not isinstance(default, bool)
     limits = (low, high) if is_number else None
