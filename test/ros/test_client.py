@@ -1,18 +1,17 @@
 """The client over real DDS: messages from numbers, answers equal to the library's, errors and time-outs."""
 
 import re
-import subprocess
-import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import Pose
 from rclpy.executors import SingleThreadedExecutor
-from running import ANSWER_TIMEOUT, spin
+from running import spin
 from scipy.spatial.transform import Rotation
 
 from unc_physics import (
@@ -307,18 +306,16 @@ def test_errors_of_answers_are_raised_with_their_field(asked, request_, kind, fi
     assert caught.value.field == field and str(caught.value).startswith(f"{field} ")
 
 
+def endless(limit):
+    """A request with a limit of its computation time [s]."""
+    options = {"propagator": "monte_carlo", "samples": 20_000, "max_computation_time": limit}
+    return prediction_request([can(twist=(0, 0, 9, 0, 0, 9))], 50.0, environment(), **options)
+
+
 def test_out_of_time_with_what_was_done(asked):
     for limit in (0.2, 2.0, 20.0):  # on a busy machine even the first step takes a while
-        request = prediction_request(
-            [can(twist=(0, 0, 9, 0, 0, 9))],
-            50.0,
-            environment(),
-            propagator="monte_carlo",
-            samples=20_000,
-            max_computation_time=limit,
-        )
         with pytest.raises(PredictionTimeoutError, match="max_computation_time ran out") as caught:
-            asked.predict(request)
+            asked.predict(endless(limit))
         if caught.value.prediction.objects:
             break
     assert 0 <= caught.value.prediction.time_reached.sec < 50
@@ -425,36 +422,10 @@ def test_a_call_that_only_the_calling_thread_could_answer_times_out():
             assert served.wait(READY), "the executor goes on, and takes up the request"
 
 
-SILENT = """
-import sys, rclpy
-from unc_physics_msgs.srv import Predict
-
-def stay(request, response):
-    print("asked", flush=True)
-    sys.stdin.read()  # until the pipe is closed
-
-rclpy.init()
-node = rclpy.create_node("silent")
-node.create_service(Predict, "~/predict", stay)
-rclpy.spin(node)
-"""
-
-
-@pytest.fixture
-def silent():
-    """The process of a node that takes up a request and never answers."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", SILENT], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    yield process
-    process.kill()
-    process.communicate(timeout=ANSWER_TIMEOUT)
-
-
-def test_closing_a_client_ends_its_calls(silent):
-    with Client(server="/silent", timeout=READY) as client, ThreadPoolExecutor() as pool:
-        asking = pool.submit(client.predict, PredictionRequest())
-        assert silent.stdout.readline() == "asked\n"
+def test_closing_a_client_ends_its_calls(node):
+    with Client(timeout=READY) as client, ThreadPoolExecutor() as pool:
+        asking = pool.submit(client.predict, endless(2.0))
+        sleep(0.5)  # the request is mostly sent by then
         client.close()
         with pytest.raises(NotActiveError, match="the client is closed"):
             asking.result(READY)
