@@ -110,10 +110,20 @@ def assert_answered(response):
     """The answer is no error, and holds finite numbers only."""
     assert response.result.error_code == ErrorCode.NONE, response.result.error_msg
     assert response.prediction.objects
-    for predicted in response.prediction.objects:
-        assert predicted.states
+    assert all(predicted.states for predicted in response.prediction.objects)
+    check_numbers(response.prediction)
+
+
+def check_numbers(prediction):
+    """All numbers of a prediction are finite."""
+    for predicted in prediction.objects:
         for state in predicted.states:
             assert np.isfinite(numbers_of(state)).all()
+            assert np.isfinite(np.asarray(state.covariance)).all()
+            for pose in state.pose_samples:
+                assert np.isfinite(position_of(pose)).all() and np.isfinite(orientation_of(pose)).all()
+    for joint in prediction.joint_covariances:
+        assert np.isfinite(np.asarray(joint.data)).all()
 
 
 def numbers_of(state):

@@ -20,17 +20,7 @@ from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Vector3
 from rclpy.qos import qos_profile_sensor_data
 from running import Client, Inbox, NodeProcess, result_of
-from scenes import (
-    assert_answered,
-    assert_same,
-    explicit,
-    good_request,
-    moving_object,
-    numbers_of,
-    orientation_of,
-    packed,
-    position_of,
-)
+from scenes import assert_answered, assert_same, check_numbers, explicit, good_request, moving_object, packed
 from shape_msgs.msg import Mesh, Plane, SolidPrimitive
 
 from unc_physics import PROPAGATORS
@@ -172,18 +162,6 @@ def check(response):
     for entry in getattr(response, "predictions", [response]):
         check_numbers(entry.prediction)
     return code.name
-
-
-def check_numbers(prediction):
-    """All numbers of a prediction are finite."""
-    for predicted in prediction.objects:
-        for state in predicted.states:
-            assert np.isfinite(numbers_of(state)).all()
-            assert np.isfinite(np.asarray(state.covariance)).all()
-            for pose in state.pose_samples:
-                assert np.isfinite(position_of(pose)).all() and np.isfinite(orientation_of(pose)).all()
-    for joint in prediction.joint_covariances:
-        assert np.isfinite(np.asarray(joint.data)).all()
 
 
 def memory(process):
