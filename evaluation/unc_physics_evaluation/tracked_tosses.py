@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from functools import cache
@@ -226,18 +227,18 @@ class Score(NamedTuple):
 
     in_contact: bool
     carried: bool
-    nees_position: float
-    nees_rotation: float
-    position: float
-    rotation: float
-    velocity: float
-    next_log: float
-    next_inside: float
-    ahead_position: float
-    ahead_log: float
-    ahead_inside_position: float
-    ahead_inside_rotation: float
-    seconds: float
+    nees_position: float = math.nan
+    nees_rotation: float = math.nan
+    position: float = math.nan
+    rotation: float = math.nan
+    velocity: float = math.nan
+    next_log: float = math.nan
+    next_inside: float = math.nan
+    ahead_position: float = math.nan
+    ahead_log: float = math.nan
+    ahead_inside_position: float = math.nan
+    ahead_inside_rotation: float = math.nan
+    seconds: float = math.nan
 
 
 #: 90 % quantiles of chi squared with 3 and 6 degrees of freedom.
@@ -249,56 +250,39 @@ def scores(follower: Follower, frames: Frames, ahead_every: int = 1) -> Iterator
 
     Recordings end at rest: a prediction for a time after the end is compared with the last pose.
     """
-    nan = float("nan")
     last = float(frames.times[-1])
     for n, when in enumerate(frames.times.tolist()):
+        found: dict[str, float] = {}
         truth, seen = frames.truth[n], bool(frames.is_seen[n])
-        next_log = next_inside = seconds = nan
-        measurement = PoseMeasurement(frames.measured[n], NOISE)
         if n > 2 and not frames.is_outlier[n]:
-            next_log, square = _density(follower.belief(when), frames.measured[n], np.diag(NOISE**2))
-            next_inside = float(square < _INSIDE_6)
+            density, square = _density(follower.belief(when), frames.measured[n], np.diag(NOISE**2))
+            found |= {"next_log": density, "next_inside": float(square < _INSIDE_6)}
         if seen:
             started = time.process_time()
-            follower.correct(when, measurement)
-            seconds = time.process_time() - started
+            follower.correct(when, PoseMeasurement(frames.measured[n], NOISE))
+            found["seconds"] = time.process_time() - started
         belief = follower.belief(when)
-        position, rotation = _errors(belief, truth)
-        P = belief.marginal(0)
-        nees_position, nees_rotation = (
-            float(e @ np.linalg.solve(P[block, block], e)) / 3.0
-            for e, block in ((position, ERR_POSITION), (rotation, ERR_ROTATION))
-        )
-        velocity = float(np.linalg.norm(belief.mean[0, VELOCITY] - truth[VELOCITY]))
-        ahead_position = ahead_log = ahead_inside_position = ahead_inside_rotation = nan
+        for name, size, square in _parts(belief, truth):
+            found |= {name: size, f"nees_{name}": square / 3.0}
+        found["velocity"] = float(np.linalg.norm(belief.mean[0, VELOCITY] - truth[VELOCITY]))
         target = int(np.argmin(np.abs(frames.times - when - AHEAD)))
         if seen and n % ahead_every == 0 and n > 2:
             duration = float(frames.times[target] - when) if when + AHEAD <= last else AHEAD
-            there = follower.ahead(duration)
-            ahead_log, _ = _density(there, _pose(frames.truth[target]), np.zeros((6, 6)))
-            p, r = _errors(there, frames.truth[target])
-            Q = there.marginal(0)
-            ahead_inside_position, ahead_inside_rotation = (
-                float(e @ np.linalg.solve(Q[block, block], e) < _INSIDE_3)
-                for e, block in ((p, ERR_POSITION), (r, ERR_ROTATION))
-            )
-            ahead_position = float(np.linalg.norm(p))
-        yield Score(
-            bool(frames.in_contact[n]),
-            follower.is_carried,
-            nees_position,
-            nees_rotation,
-            float(np.linalg.norm(position)),
-            float(np.linalg.norm(rotation)),
-            velocity,
-            next_log,
-            next_inside,
-            ahead_position,
-            ahead_log,
-            ahead_inside_position,
-            ahead_inside_rotation,
-            seconds,
-        )
+            there, later = follower.ahead(duration), frames.truth[target]
+            found["ahead_log"], _ = _density(there, _pose(later), np.zeros((6, 6)))
+            parts = {name: one for name, *one in _parts(there, later)}
+            found |= {
+                f"ahead_inside_{name}": float(square < _INSIDE_3) for name, (_, square) in parts.items()
+            }
+            found["ahead_position"] = parts["position"][0]
+        yield Score(bool(frames.in_contact[n]), follower.is_carried, **found)
+
+
+def _parts(belief, truth):
+    """Yield the errors of position [m] and rotation [rad]: name, size and squared Mahalanobis distance."""
+    P, blocks = belief.marginal(0), {"position": ERR_POSITION, "rotation": ERR_ROTATION}
+    for (name, block), e in zip(blocks.items(), _errors(belief, truth), strict=True):
+        yield name, float(np.linalg.norm(e)), float(e @ np.linalg.solve(P[block, block], e))
 
 
 def _pose(state):
