@@ -46,7 +46,7 @@ class StreamedScene(NamedTuple):
     ----------
     scene : Scene
         In the frame of its header.
-    source : _Source
+    source : _SceneSource
     skipped : dict of str
         Reasons of omitted objects, by id.
     problem : UncPhysicsError or None
@@ -54,12 +54,12 @@ class StreamedScene(NamedTuple):
     """
 
     scene: Scene
-    source: _Source
+    source: _SceneSource
     skipped: Mapping[str, str]
     problem: UncPhysicsError | None = None
 
 
-class _Source:
+class _SceneSource:
     """Source of scenes with a thread of its own.
 
     Scenes wait for their transforms in other threads, so that none holds up a later one.
@@ -124,10 +124,10 @@ class Stream:
         self._poses = {}
         self.waiting = ThreadPoolExecutor(_WAITING, thread_name_prefix="transforms")
         self._single: dict[str, Detections] = {}  # newest detection of each object's own topic
-        self._sources = [_Source(self, detected=False)]
+        self._sources = [_SceneSource(self, detected=False)]
         self._subscriptions = [subscribe(node, Scene, "~/scene", self._sources[0].put)]
         if not server.settings.track:
-            self._sources += [_Source(self, detected=True), _Source(self, detected=True)]
+            self._sources += [_SceneSource(self, detected=True), _SceneSource(self, detected=True)]
             self._subscriptions += detection_subscriptions(server, self._of_one, self._of_many, depth=1)
         self._jumps = on_clock_jump(node, self._jumped)
 

@@ -112,7 +112,9 @@ def request_of_planning_scene(
             raise UnknownFrameError(problem, field=f"{field}.header.frame_id", value=name)
         return Transform.from_pose(poses[name], f"frames['{name}']")
 
-    known = _Frames({one.child_frame_id: one for one in fixed if one.child_frame_id not in poses}, pose_of)
+    known = _FramePoses(
+        {one.child_frame_id: one for one in fixed if one.child_frame_id not in poses}, pose_of
+    )
     _check_added(world, "world.collision_objects[{}]")
     _check_added([held.object for held in attached], "robot_state.attached_collision_objects[{}].object")
     bodies, elements, actions = [], [], []
@@ -199,7 +201,7 @@ class PlanningWorld:
             `UnknownFrameError`.
         """
         found, problems = [], {}
-        frames = _Frames(self._transforms, lambda name, _: pose_of_frame(name))
+        frames = _FramePoses(self._transforms, lambda name, _: pose_of_frame(name))
         for name, own in self._objects.items():
             try:
                 found += _elements(own, frames, f"collision object '{name}'")
@@ -208,7 +210,7 @@ class PlanningWorld:
         return found, problems
 
 
-class _Frames:
+class _FramePoses:
     """Poses of frames, of transforms of a planning scene and of others.
 
     Parameters
