@@ -85,7 +85,7 @@ def meridian(piece, b):
     return x, y, x * b[0] + y * b[1]
 
 
-@inner
+@inner(forceinline=True)
 def core_point(piece, rows, b):
     """Return the farthest point of a piece's core along ``b``, both in body axes."""
     first, last = int(piece[FIRST_POINT]), int(piece[LAST_POINT])

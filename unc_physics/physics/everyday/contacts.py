@@ -345,7 +345,7 @@ def _curve(C, n, ra, rb, Y, solids):
             C[n, CURVES], C[n, CURVES + 1] = curves
 
 
-@inner
+@inner(forceinline=True)
 def _curved(C, k, d):
     """Return how a way d of b's point changes the normal of row k over a hollow surface; zero over others."""
     if C[k, CURVES] == 0.0 and C[k, CURVES + 1] == 0.0:
@@ -489,14 +489,14 @@ def _rim(Y, i, n, q, later, around):
     return plus(times(z, e), times(r / s, p))
 
 
-@inner
+@inner(forceinline=True)
 def _across(Y, i, d):
     """Return a rotation vector without its part about the axis of body i."""
     a = roll_axis(Y, i)
     return minus(d, times(dot(a, d), a))
 
 
-@inner
+@inner(forceinline=True)
 def _core(Y, i, q, way, axle, t):
     """Return a core's lever at t from now, its turn until then, the arm to its axis, and how far it went.
 
@@ -546,7 +546,7 @@ def levers(C, k, Y, t, around):
     return plus(ra, ca), plus(rb, cb), dot(plus(n, times(0.5, _curved(C, k, d))), d), d
 
 
-@inner
+@inner(forceinline=True)
 def _points(C, k, Y, ra, rb, ended):
     """Return what to add to the cores' levers, the way from a's point to b's then, and EDGE now.
 
@@ -732,7 +732,7 @@ def spread(C, k, Y, t):
     masses(C, k, Y)
 
 
-@inner
+@inner(forceinline=True)
 def _compliance(C, k, r, Y, i):
     """Return the speeds at the arm r that unit impulses make by spin: nn, n1, n2, 11, 12, 22."""
     n, t1, t2 = cross(r, three(C, k, NORMAL)), cross(r, three(C, k, TAN1)), cross(r, three(C, k, TAN2))
