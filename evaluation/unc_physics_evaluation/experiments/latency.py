@@ -20,7 +20,7 @@ STREAM, STANDING, SERVICE = "stream, velocities unknown", "stream, at rest", "se
 #: Streams: objects, and the goal of the 95 % latency [ms].
 STREAMS = (1, 60.0), (5, 100.0), (10, 200.0)
 #: Service: kind, objects, goal of the median latency [ms], number of calls.
-SERVICES = (BOX, 1, 15.0, 60), (TABLE, 5, 30.0, 60), (BIN, 10, 60.0, 5)
+SERVICES = (BOX, 1, 20.0, 60), (TABLE, 5, 60.0, 60), (BIN, 10, 400.0, 5)
 _HORIZON = 1.0  # s, of the service's requests
 
 
