@@ -33,17 +33,6 @@ def test_it_is_the_cloud_of_as_many_rollouts(loaded, scene_name):
         np.testing.assert_array_equal(one.joint, other.joint)
 
 
-def test_a_smaller_error_takes_more_rollouts_and_is_reached(loaded):
-    scene, belief, _ = loaded("two_bodies")
-    counts = []
-    for wanted in (0.1, 0.03):
-        found = answered(scene, belief, error=wanted)
-        errors = found.propagator.standard_errors(found.carry, scene)
-        assert (errors.relative <= wanted).all()
-        counts.append(len(found.carry.contact_history.first_time))
-    assert counts[0] < counts[1] < 1024
-
-
 def test_standard_errors_are_about_what_other_seeds_give(loaded):
     """The mean position over twelve scramblings, against the error that each claims."""
     scene, belief, _ = loaded("two_bodies")

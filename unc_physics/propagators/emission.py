@@ -19,7 +19,7 @@ from ..scene.scene import Scene
 from ..spatial.layout import EP, ER, ERR_POSITION, ERR_VELOCITY, ERROR, EV, EW
 from ..spatial.moments import mean_and_errors, pivoted_cholesky, second_moment, spread_states
 from .displacements import clip, reach, spread, variances
-from .free_flight import Flight, course_of, propagate_flight
+from .free_flight import course_of, propagate_flight
 from .impact_metric import impact_metric
 from .overlap_depths import overlaps
 from .reduction import Reduction, common_covariance, moved_in_common, reduction, symmetric
@@ -463,16 +463,16 @@ def _propagate_flights(runs, scene, group, z):
     """Return the states (S, 1, 13) of a body without contacts, for its numbers ``z`` (S, d)."""
     own = z[:, : group.root.shape[1]]
     states = spread_states(runs.mean[group.bodies], np.arange(1), np.einsum("sr,kr->sk", own, group.root))
-    flight = Flight(scene.gravity, course_of(scene, runs.step), runs.step)
+    course = course_of(scene, runs.step)
     parameters = np.zeros((len(z), runs.parameters.shape[1]))
     parameters[:, group.columns[group.root.shape[1] :] - runs.root.shape[1]] = z[:, group.root.shape[1] :]
     offsets = center_offsets(scene, parameters)
     if not offsets.shape[1]:
-        propagate_flight(states, flight)
+        propagate_flight(states, scene.gravity, course)
         return states
     offsets = offsets[:, group.bodies]
     states = moved_along(states, offsets)
-    propagate_flight(states, flight)
+    propagate_flight(states, scene.gravity, course)
     return moved_along(states, -offsets)
 
 

@@ -73,22 +73,9 @@ def course_of(scene: Scene, steps: float) -> Course:
     return course(scene.dt, scene.decay, steps, scene.integrator)
 
 
-class Flight(NamedTuple):
-    """Free flight of a single body.
-
-    Attributes: gravity (3,) [m/s^2], course, and the number of time steps, which may end with a part of a
-    step.
-    """
-
-    gravity: np.ndarray
-    course: Course
-    steps: float
-
-
-def propagate_flight(states: np.ndarray, flight: Flight) -> None:
-    """Move many states (S, B, 13) in place by a free flight."""
-    along = flight.course
-    _fly(states, flight.gravity, along.decay, along.fall, along.reach, along.sink, along.turn)
+def propagate_flight(states: np.ndarray, gravity: np.ndarray, along: Course) -> None:
+    """Move many states (S, B, 13) in place by a free flight of single bodies."""
+    _fly(states, gravity, along.decay, along.fall, along.reach, along.sink, along.turn)
 
 
 @kernel

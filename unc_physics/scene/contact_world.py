@@ -289,7 +289,6 @@ def recorded_contacts(
 
     Rollouts that have left the range of numbers are not simulated; their states become NaN.
     """
-    memory: Any = history.solver
     lost = ~(np.abs(states) < _FARTHEST).all(axis=(1, 2))
     if lost.any():
         states = states.copy()
@@ -298,7 +297,7 @@ def recorded_contacts(
     found = recorded(
         states,
         history.first_time,
-        memory,
+        history.solver,
         everyday_world(scene),
         variation(scene, z),
         begin,
@@ -319,10 +318,9 @@ def depths_of_pairs(scene: Scene, states: np.ndarray) -> np.ndarray:
     count, bodies = states.shape[:2]
     world = everyday_world(scene)._replace(dt=_AN_INSTANT, start=0.0, actions=no_actions(bodies))
     history = fresh_history(scene, count)
-    memory: Any = history.solver
     own = variation(scene, np.zeros((1, len(scene.uncertain))))
     stops = Stops(np.ones(1, np.int64), np.zeros(1))
-    ((_, _, found),) = recorded(still, history.first_time, memory, world, own, 0, stops)
+    ((_, _, found),) = recorded(still, history.first_time, history.solver, world, own, 0, stops)
     depths = np.zeros(history.first_time.shape)
     n, a, b, rows = remembered(scene, found)
     depth = np.maximum(-rows[:, c.GAP0], 0.0)
@@ -334,9 +332,8 @@ def depths_of_pairs(scene: Scene, states: np.ndarray) -> np.ndarray:
 
 def bearing_pairs(scene: Scene, history: ContactHistory) -> np.ndarray:
     """Return which bodies i < j, and bodies and elements, bear on each other: (N, B, B + E) bool."""
-    memory: Any = history.solver
     found = np.zeros(history.first_time.shape, bool)
-    n, a, b, rows = remembered(scene, memory)
+    n, a, b, rows = remembered(scene, history.solver)
     impulse, normal = (rows[:, k : k + 3] for k in (c.IMPULSE, c.NORMAL))
     bears = np.einsum("ci,ci->c", impulse, normal) > 0.0
     found[n[bears], np.minimum(a, b)[bears], np.maximum(a, b)[bears]] = True
@@ -364,8 +361,7 @@ def contact_table(scene: Scene, history: ContactHistory) -> np.ndarray:
     below zero for a depth. The normal is from the first thing to the second, and the impulse of the step is
     on the second [N s]; all are in the world frame.
     """
-    memory: Any = history.solver
-    n, a, b, rows = remembered(scene, memory)
+    n, a, b, rows = remembered(scene, history.solver)
     found = np.zeros(len(n), CONTACT)
     found["rollout"], found["first"], found["second"] = n, a, b
     found["gap"] = rows[:, c.GAP0]

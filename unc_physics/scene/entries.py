@@ -43,17 +43,11 @@ def read_orientation(content, field, error: type[UncPhysicsError] = InvalidReque
 
 
 def read_numbers(value, shape, field, error: type[UncPhysicsError] = InvalidRequestError) -> Any:
-    """Return a number, or nested lists of numbers as an array."""
+    """Return a number, for the shape (), or a list of so many numbers as an array."""
     if not shape:
         return number(value, field, error)
     if not isinstance(value, (list, tuple)) or len(value) != shape[0]:
-        raise error(
-            f"must be a list of {shape[0]} {'numbers' if len(shape) == 1 else 'rows'}",
-            field=field,
-            value=value,
-        )
-    if len(shape) > 1:
-        return np.array([read_numbers(row, shape[1:], f"{field}[{k}]", error) for k, row in enumerate(value)])
+        raise error(f"must be a list of {shape[0]} numbers", field=field, value=value)
     return array([number(entry, f"{field}[{k}]", error) for k, entry in enumerate(value)], shape, field)
 
 
