@@ -46,13 +46,6 @@ class Place(NamedTuple):
         return cls(model, measurement.pose[POSITION], covariance)
 
 
-class FirstObservation(NamedTuple):
-    """First observation of an object without an id."""
-
-    place: Place
-    stamp: int
-
-
 class ObservationMemory:
     """Earlier observations: those that may arrive again, and those of unconfirmed objects.
 
@@ -64,7 +57,7 @@ class ObservationMemory:
     def __init__(self, library: ModelLibrary):
         self._library = library
         self._known: OrderedDict[tuple, None] = OrderedDict()
-        self._candidates: list[FirstObservation] = []
+        self._candidates: list[tuple[Place, int]] = []  # first observations, and their stamps [ns]
 
     def new(
         self, stamp: int, observations: Sequence[tuple[ObjectState, PoseMeasurement]]
@@ -96,15 +89,13 @@ class ObservationMemory:
 
         ``stamp`` is in ns, and ``farthest`` is the largest distance from the first observation [m].
         """
-        self._candidates = [
-            one for one in self._candidates if abs(stamp - one.stamp) < 1e9 * _CONFIRMATION_TIME
-        ]
+        self._candidates = [one for one in self._candidates if abs(stamp - one[1]) < 1e9 * _CONFIRMATION_TIME]
         for k, (other, first) in enumerate(self._candidates):
             apart = np.linalg.norm(place.position - other.position)
             if other.model == place.model and first != stamp and apart <= farthest:
                 del self._candidates[k]
                 return True
-        self._candidates.append(FirstObservation(place, stamp))
+        self._candidates.append((place, stamp))
         return False
 
 

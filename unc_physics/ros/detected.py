@@ -43,23 +43,6 @@ _SIGMAS = 3.0
 _SURFACE_ERROR = 2e-3  # m, of a model's surface
 _NO_POSE = Pose()
 _UPWARD = 0.5  # cosine of the steepest slope of a support
-#: Kinds of omissions.
-SECOND_DETECTION, IN_MID_AIR = "second detection", "in mid-air"
-
-
-class Omission(NamedTuple):
-    """Reason why an object is left out.
-
-    Attributes
-    ----------
-    kind : str
-        `SECOND_DETECTION` or `IN_MID_AIR`.
-    reason : str
-        In words, about the object.
-    """
-
-    kind: str
-    reason: str
 
 
 class _Body(NamedTuple):
@@ -269,7 +252,7 @@ def moved_pose(pose: PoseWithCovariance, offset: np.ndarray) -> PoseWithCovarian
 
 def settle_detected(
     scene: Scene, environment: Environment, library: Any, settings: Any
-) -> tuple[Scene, dict[str, Omission]]:
+) -> tuple[Scene, dict[str, str]]:
     """Return the scene with objects at rest marked, and why objects are left out, by their ids.
 
     Parameters
@@ -286,7 +269,7 @@ def settle_detected(
     Nearest points decide: an object stands if its gap to a support, along the support's normal, is within
     three standard deviations of zero, or negative. Supports are elements, and objects that stand. Of two
     detections of the same model whose positions agree within three standard deviations, or within half the
-    model's smallest extent, the surer one is kept. Objects whose twist is known are kept as they are.
+    model's smallest extent, the surer one is kept.
     """
     up = -np.asarray(settings.gravity, float)
     length = float(np.linalg.norm(up))
@@ -299,17 +282,12 @@ def settle_detected(
     skipped = _duplicates(scene.objects, bodies)
     kept = [own for own in scene.objects if own.id not in skipped]
     if length > 0.0:
-        open_ones = {
-            own.id: own
-            for own in kept
-            if own.id in bodies and own.twist.covariance[0] == UNKNOWN and not own.at_rest
-        }
+        open_ones = {own.id: own for own in kept if own.id in bodies}
         elements, packed = read_environment(environment, library.shape_packer, wait=False)
         gaps = _stand(open_ones, bodies, [*elements, *map(_Body.obstacle, packed)], up / length)
         for name, gap in gaps.items():
-            skipped[name] = Omission(
-                IN_MID_AIR,
-                f"hangs in mid-air, {gap} and has no twist; publish it on ~/scene with its twist if it falls",
+            skipped[name] = (
+                f"hangs in mid-air, {gap} and has no twist; publish it on ~/scene with its twist if it falls"
             )
         kept = [own for own in kept if own.id not in gaps]
     return Scene(header=scene.header, objects=kept, environment=scene.environment), skipped
@@ -371,9 +349,9 @@ def _body(own, library, settings) -> _Body:
     return _Body(own.id, position, np.array(orientation), model, P.with_unmeasured())
 
 
-def _duplicates(objects, bodies) -> dict[str, Omission]:
+def _duplicates(objects, bodies) -> dict[str, str]:
     """Return the reasons of detections of an object that another detection describes better."""
-    skipped: dict[str, Omission] = {}
+    skipped: dict[str, str] = {}
     surest = sorted(
         (own for own in objects if own.id in bodies), key=lambda own: np.trace(bodies[own.id].covariance)
     )
@@ -390,7 +368,6 @@ def _duplicates(objects, bodies) -> dict[str, Omission]:
             extent = smallest_extent(body.model)
             # disjoint bodies are farther apart than their smallest extent
             if distance < max(min(_SIGMAS * std, 0.9 * extent), 0.5 * extent):
-                reason = f"is a second detection of '{better.id}', {distance:.3g} m away"
-                skipped[own.id] = Omission(SECOND_DETECTION, reason)
+                skipped[own.id] = f"is a second detection of '{better.id}', {distance:.3g} m away"
                 break
     return skipped

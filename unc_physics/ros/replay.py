@@ -152,7 +152,7 @@ def replay(
         left_out["without a model"] += len(unnamed)
         try:
             scene, skipped = settle_detected(scene, environment.message, library, settings)
-            left_out.update(omission.kind for omission in skipped.values())
+            left_out.update(reason.partition(",")[0] for reason in skipped.values())
             if not scene.objects:
                 continue
             after = sorted(times[near] - times[k] for near in later)

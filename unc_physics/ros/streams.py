@@ -263,7 +263,7 @@ class Stream:
             scene = transform.moved(scene)
             scene.header = Header(stamp=scene.header.stamp)
         scene, skipped = settle_detected(scene, server.environment.message, server.library, settings)
-        return scene, {name: omission.reason for name, omission in skipped.items()} | dict(streamed.skipped)
+        return scene, skipped | dict(streamed.skipped)
 
     def _job(self, streamed, scene, limit, settings):
         """Return the job of a scene, with the rollouts and the time that the stream leaves it."""
