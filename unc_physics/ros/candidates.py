@@ -99,12 +99,12 @@ def rank_entries(
         with server.errors_into(of[name].result):
             raise error
 
-    score = read_score([*request.score], base.regions, next(iter(jobs.values())).scene)
+    event, negated = read_score([*request.score], base.regions, next(iter(jobs.values())).scene)
     try:
         ranking = rank_candidates(
             {name: Candidate(job.scene, job.belief, job.marks) for name, job in jobs.items()},
             base.propagator,
-            score.event,
+            event,
             fail,
             budget=request.budget or None,
             max_computation_time=base.max_computation_time,
@@ -122,14 +122,14 @@ def rank_entries(
         with server.errors_into(entry.result):
             header = request.request.scene.header
             write_answer(entry.prediction, header, server.settings, job, action.prediction)
-            _write_ranked_action(entry, action, score.negated)
+            _write_ranked_action(entry, action, negated)
             server.diagnostics.predicted(action.prediction)
             places[action.name] = len(places)
     return places
 
 
 def _write_ranked_action(entry, action, negated):
-    """Write a ranked action into a candidate's entry; ``negated`` is that of `ReadScore`."""
+    """Write a ranked action into a candidate's entry; ``negated`` is that of `read_score`."""
     found, difference = action.score, action.difference.value
     entry.score, entry.score_low, entry.score_high = found.estimate, found.low, found.high
     if negated:

@@ -116,7 +116,12 @@ def read_detections(message, library, settings) -> Detections:
         header = Header(stamp=header.stamp, frame_id=next(filter(None, frames), ""))
     names = set()
     for k, detection in enumerate(message.detections):
-        best = max(valid_hypotheses(detection), key=lambda result: result.hypothesis.score, default=None)
+        valid = [
+            one
+            for one in detection.results
+            if one.hypothesis.class_id and math.isfinite(one.hypothesis.score)
+        ]
+        best = max(valid, key=lambda one: one.hypothesis.score, default=None)
         name = detection.id or (f"detection_{k}" if best is None else f"{best.hypothesis.class_id}_{k}")
         if name in names:  # some detectors write the class into the id
             name = f"{name}_{k}"
@@ -182,13 +187,6 @@ def subscribe(node, kind: type, topic: str, callback: Callable, depth: int = 1):
     """Subscribe by best effort, which matches all publishers, including sensors; users may override it."""
     profile = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
     return node.create_subscription(kind, topic, callback, profile, qos_overriding_options=OVERRIDABLE)
-
-
-def valid_hypotheses(detection) -> list:
-    """Return the hypotheses of a detection with a class and a score that is a number."""
-    return [
-        one for one in detection.results if one.hypothesis.class_id and math.isfinite(one.hypothesis.score)
-    ]
 
 
 def detected_object(name: str, kind: str, pose: PoseWithCovariance, library, settings) -> ObjectState:

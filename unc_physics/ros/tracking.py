@@ -81,9 +81,12 @@ class Tracking:
         ]
         if Detection3DArray is None:
             server.log.warning("vision_msgs is not installed: there is no topic ~/detections")
+        correct = functools.partial(self._pass_on, self._correct)
         self._subscriptions = [
-            *detection_subscriptions(server, self._receive, self._receive, _DEPTH),
-            node.create_subscription(ActionArray, ACTIONS, self._acted, _DEPTH),
+            *detection_subscriptions(server, correct, correct, _DEPTH),
+            node.create_subscription(
+                ActionArray, ACTIONS, functools.partial(self._pass_on, self._act), _DEPTH
+            ),
         ]
         # a steady clock, as simulated time may stop
         self._timer = node.create_timer(
@@ -138,12 +141,6 @@ class Tracking:
             server.log.warning(f"nothing is tracked before the node's environment is set: {HOW_TO_SET}")
 
     # -- input, in the executor's thread -----------------------------------------------------------
-
-    def _receive(self, observation):
-        self._pass_on(self._correct, observation)
-
-    def _acted(self, message):
-        self._pass_on(self._act, message)
 
     def _pass_on(self, work, message):
         """Have the worker process a message, once its transform is there."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from unc_physics_msgs.msg import Event as EventMessage
 
@@ -33,20 +33,15 @@ EVENT_ROWS: dict[type[Any], tuple[int, str]] = {
 }
 
 
-class ReadScore(NamedTuple):
-    """Event whose most probable candidate is the best, and whether it is the opposite of the message's."""
-
-    event: Event
-    negated: bool
-
-
 def object_events(names: Iterable[str]) -> list[Event]:
     """Return the events that each moving object has without anything else."""
     return [kind(name) for name in names for kind in (AtRest, Upright, FellOff)]
 
 
-def read_score(messages: Sequence[EventMessage], regions: Sequence[BoxRegion], scene: Scene) -> ReadScore:
-    """Return the event that several messages describe together.
+def read_score(
+    messages: Sequence[EventMessage], regions: Sequence[BoxRegion], scene: Scene
+) -> tuple[Event, bool]:
+    """Return the event of several messages together, and whether it is the opposite of the only one's.
 
     Parameters
     ----------
@@ -75,7 +70,7 @@ def read_score(messages: Sequence[EventMessage], regions: Sequence[BoxRegion], s
             raise error.at(field) from None
         wanted.append(~event if message.negated else event)
     negated = len(wanted) == 1 and bool(messages[0].negated)  # of several, all happen together
-    return ReadScore(functools.reduce(operator.and_, wanted), negated)
+    return functools.reduce(operator.and_, wanted), negated
 
 
 def _read_event(message, field, regions):
