@@ -36,6 +36,7 @@ from ..checks.errors import (
 )
 from ..checks.names import suggestion
 from ..checks.shown import counted, printable
+from ..scene.entries import at_field
 from ..scene.scene_file import cut_shape, load_shape
 from ..shapes.library import list_models
 from ..shapes.packing_file import HULL, SpherePacking, load_packing
@@ -200,12 +201,8 @@ class ShapePacker:
         simple = _simple(message, size)
         if simple is not None:
             return simple.prefix(spheres) if spheres and len(simple) > 1 else simple
-        try:
-            vertices, triangles = _mesh(message, size)
-        except InvalidMeshError as error:
-            raise error.at(f"{field}.{error.field}") from None
-        except ImportError as error:
-            raise NotSupportedError(f"needs {error.name}, which the node lacks", field=field) from None
+        with _needs_libraries(field):
+            vertices, triangles = at_field(field, _mesh, message, size)
         return self._packed(vertices, triangles, spheres or SPHERES, field, wait)
 
     def _packed(self, vertices, triangles, spheres, field, wait):
@@ -322,7 +319,10 @@ class ModelTopics:
             raise LimitExceededError(f"must be at most {MAX_SPHERES}", field="spheres", value=request.spheres)
         name = request.name or path.stem
         self._refuse_taken(name, request.replace)
-        solid = _solid(path)
+        with _needs_libraries("path"):
+            from ..shapes.solid_mesh import load_solid
+
+            solid, _ = load_solid(path)
         info = ModelInfo(
             name=name, status=ModelInfo.STATUS_PACKING, status_msg="is being packed", path=str(path)
         )
@@ -386,7 +386,7 @@ def _mesh(message, size):
 
 def _pack(name, vertices, triangles, spheres):
     """Return the packing of a mesh."""
-    try:
+    with _needs_libraries("mesh"):
         from ..shapes.mesh_pieces import hull_pieces, simple_pieces
         from ..shapes.packing import pack_solid
         from ..shapes.solid_mesh import make_solid
@@ -398,25 +398,16 @@ def _pack(name, vertices, triangles, spheres):
         else:
             with contextlib.suppress(InvalidMeshError):  # too flat
                 pieces = hull_pieces(solid).entries
-        packing = pack_solid(solid, spheres, threads=1, **pieces)
-    except ImportError as error:
-        raise NotSupportedError(f"needs {error.name}, which the node lacks, to be packed") from None
-    return packing
+        return pack_solid(solid, spheres, threads=1, **pieces)
 
 
-def _solid(path):
-    """Return the solid of a mesh; its errors become the answer to the request."""
+@contextlib.contextmanager
+def _needs_libraries(field):
+    """Raise `NotSupportedError` if a library is missing that a ``with`` block imports."""
     try:
-        from ..shapes.solid_mesh import load_solid
-
-        solid, _ = load_solid(path)
+        yield
     except ImportError as error:
-        raise NotSupportedError(
-            f"is no model (.npz), and to read a mesh the node lacks {error.name}",
-            field="path",
-            value=str(path),
-        ) from None
-    return solid
+        raise NotSupportedError(f"needs {error.name}, which the node lacks", field=field) from None
 
 
 def _info(library, name, model):

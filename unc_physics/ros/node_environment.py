@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import importlib
 import threading
 from collections.abc import Iterable
@@ -11,7 +12,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Header
 
-from unc_physics_msgs.msg import Environment, EnvironmentElement, Scene
+from unc_physics_msgs.msg import Environment, Scene
 from unc_physics_msgs.srv import SetEnvironment
 
 from ..checks.errors import InvalidEnvironmentError
@@ -115,10 +116,9 @@ def _object_of(element):
 
 def _named(element, k):
     """Return an element with an id; its place alone would change with other elements."""
-    if element.id:
-        return element
-    fields = {name: getattr(element, name) for name in element.get_fields_and_field_types()}
-    return EnvironmentElement(**(fields | {"id": element_id(element, k)}))
+    named = copy.copy(element)
+    named.id = element_id(element, k)
+    return named
 
 
 class EnvironmentTopics:
