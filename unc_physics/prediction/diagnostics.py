@@ -25,7 +25,7 @@ from ..spatial.moments import mean_and_errors
 from .body_status import BodyStatus, Status
 from .conservation_checks import energy_loss, kinetic_energies
 from .evidence import Evidence, kinetic_moments, spread_floors
-from .notes import endless, inexact_pieces, odd_density, odd_size
+from .notes import notes_of
 from .rare_outcomes import MATTER
 from .step_motion import MOST_MOTION
 
@@ -106,8 +106,7 @@ def judged(evidence: Evidence, body: int, measures: dict[str, float]) -> BodySta
         )
         unit = rule.unit and f" {rule.unit}"
         reasons.append(f"{words} ({key} {value:.3g}{unit} above {rule.limit:.3g}{unit})")
-    about = (note(scene, body) for note in (inexact_pieces, odd_density, odd_size, endless))
-    notes = tuple(note for note in (*about, *_narrowed_spreads(evidence, body)) if note is not None)
+    notes = (*notes_of(scene, body), *_narrowed_spreads(evidence, body))
     return BodyStatus(scene.bodies[body].name, flags, measures, tuple(reasons), notes)
 
 

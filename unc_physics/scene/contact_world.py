@@ -17,7 +17,7 @@ from ..physics.everyday import columns as c
 from ..physics.everyday.rollouts import ContactMemory, EverydayWorld, Variation, fresh_memory, recorded
 from ..physics.stops import NEVER, Stops
 from ..shapes.columns import AXES, CENTER, HALF_EXTENT, KIND, LATHE, ORIGIN, RADIUS
-from ..shapes.pieces import PieceArrays, joined, piece_arrays
+from ..shapes.pieces import joined, piece_arrays
 from ..spatial.layout import ANGULAR_VELOCITY, QUATERNION, VELOCITY
 from ..spatial.rotation import exp_vectors, rotate_vectors, rotation_matrix
 from .environment import thing_names
@@ -57,7 +57,9 @@ def _new_world(scene):
     ground = [
         piece for k, element in enumerate(scene.environment) if k not in tilting for piece in element.pieces
     ]
-    rows = [_arrays(body.model) for body in scene.bodies]
+    for model in {body.model for body in scene.bodies if body.model not in _pieces}:
+        _pieces[model] = piece_arrays([model.pieces])
+    rows = [_pieces[body.model] for body in scene.bodies]
     rows += [piece_arrays([ground])]
     rows += [piece_arrays([scene.environment[k].pieces]) for k in tilting]
     pieces, points, first = joined(rows)
@@ -85,13 +87,6 @@ def _new_world(scene):
         0.0,
         NEVER,
     )
-
-
-def _arrays(model) -> PieceArrays:
-    """Return the arrays of a model's pieces."""
-    if model not in _pieces:
-        _pieces[model] = piece_arrays([model.pieces])
-    return _pieces[model]
 
 
 def _tilting(scene):

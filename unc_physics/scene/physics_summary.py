@@ -51,12 +51,6 @@ def physics_of(scene: Scene) -> dict[str, Any]:
     return found | {key: std for key in _STDS if (std := getattr(scene, key))}
 
 
-def _spread(physics, key):
-    """Return the standard deviation of a key as text; nothing if it is certain."""
-    std = physics.get(f"{key}_std")
-    return f" +- {std:g}" if std else ""
-
-
 def physics_as_text(scene: Scene) -> str:
     """Return the physics of a scene in one line, as 'implicit, dt 0.0041667 s, ...'."""
     physics = physics_of(scene)
@@ -69,7 +63,8 @@ def physics_as_text(scene: Scene) -> str:
         parts.append(f"damping {physics['damping']:g} 1/s")
     if scene.integrator != "explicit":
         parts += [
-            f"{key} {physics[key]:g}{_spread(physics, key)}"
+            f"{key} {physics[key]:g}"
+            + (f" +- {physics[f'{key}_std']:g}" if f"{key}_std" in physics else "")
             + (" (some surfaces have their own)" if f"{key}_of" in physics else "")
             for key in Materials._fields
         ]

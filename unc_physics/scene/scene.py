@@ -213,7 +213,6 @@ class Scene:
         check_surface(self)
         if explicit:
             self._refuse_what_needs_implicit()
-            self._refuse_moving_surfaces()
         if not names_gravity:
             self._check_needs_no_gravity()
         self._check_attachments(names)
@@ -229,6 +228,12 @@ class Scene:
         for kind, things in (("bodies", self.bodies), ("environment", self.environment)):
             for k, thing in enumerate(things):
                 refuse_with_explicit(thing, f"{kind}[{k}].")
+        for k, element in enumerate(self.environment):
+            if element.moving_surface.any():
+                raise InvalidOptionError(
+                    "needs 'integrator: implicit', since without friction nothing feels it",
+                    field=f"environment[{k}].surface_velocity",
+                )
 
     def _refuse_stiffness(self):
         """Raise `InvalidOptionError` if the implicit integrator is given a stiffness."""
@@ -239,14 +244,6 @@ class Scene:
                     " 'explicit' has it",
                     field=field,
                     value=getattr(self, field),
-                )
-
-    def _refuse_moving_surfaces(self):
-        for k, element in enumerate(self.environment):
-            if element.moving_surface.any():
-                raise InvalidOptionError(
-                    "needs 'integrator: implicit', since without friction nothing feels it",
-                    field=f"environment[{k}].surface_velocity",
                 )
 
     def _check_attachments(self, names):
@@ -369,20 +366,17 @@ class Scene:
                 if std
             ]
         for k, surface in enumerate(self.surfaces if self.has_partners else ()):  # each has its own draw
-            stds = {name: self._own_std(surface, name) for name in Materials._fields}
+            # a contact has the mean of two independent draws: without own values they give it the scene's std
+            stds = {
+                name: SURFACE_OF_CONTACT * getattr(self, f"{name}_std")
+                if getattr(surface, name) is None
+                else getattr(surface, f"{name}_std")
+                for name in Materials._fields
+            }
             found += [UncertainParameter(name, k, 0, std) for name, std in stds.items() if std]
             tilt = getattr(surface, "surface_tilt_std", 0.0)
             found += [UncertainParameter("surface_tilt", k, axis, tilt) for axis in range(2) if tilt]
         return tuple(found)
-
-    def _own_std(self, surface, name):
-        """Return the standard deviation of a surface's draw: its own, or one that gives contacts the scene's.
-
-        A contact has the mean of two independent draws.
-        """
-        if getattr(surface, name) is None:
-            return SURFACE_OF_CONTACT * getattr(self, f"{name}_std")
-        return getattr(surface, f"{name}_std")
 
     @property
     def has_partners(self) -> bool:
