@@ -34,6 +34,7 @@ from unc_physics.prediction.evidence import overlap_shares
 from unc_physics.propagators.start import constrain_belief
 from unc_physics.scene.contact_world import depths_of_pairs
 from unc_physics.shapes import signed_distance
+from unc_physics.shapes.recipes import RECIPES
 
 FREE = 5e-5  # m, depth that counts as none
 TABLE = Box((0.8, 0.8, 0.02), (-0.4, 0.0, -0.01), name="table")  # its edge is at x = 0
@@ -420,8 +421,12 @@ def test_a_can_between_fingers_that_are_too_close_is_flagged_by_name(close):
     assert max(speeds) < 0.2
 
 
-def test_depths_are_those_of_signed_distances():
+@pytest.mark.parametrize("arcs", [False, True])
+def test_depths_are_those_of_signed_distances(arcs):
+    """Of flat sides as of the hollow surfaces that they stand for."""
     mug, can = load_model("mug"), load_model("can")
+    if arcs:
+        mug = replace(mug, pieces=[piece.moved(mug.origin, np.eye(3)) for piece in RECIPES["mug"].pieces()])
     scene = scene_of([RigidBody("mug", mug), RigidBody("can", can)])
     rng = np.random.default_rng(0)
     states = np.zeros((30, 2, 13))

@@ -16,7 +16,7 @@ from ..compiler.arrays import empty
 from ..spatial.rotation import cross, rotation_matrix
 from ..spatial.vectors import dot, minus, plus, times, triple
 from .columns import FRAME, HALF_SPACE, KIND, POSITION, RADIUS, ROTATION, ROUNDING
-from .hollow import hollow_contact
+from .hollow import AGREE, hollow_contact, hollow_surface, is_hollow
 from .nearest import drawn_apart, nearest
 from .pieces import joined, piece_arrays
 from .support import center, get, put, support, unit
@@ -29,6 +29,7 @@ _MOST_POINTS = 256  # smooth pieces are then within 1e-4 of their size
 POLYTOPE = 2 * _MOST_POINTS, 12
 #: Shares of the size by which points of the polytope are moved, and to which the least overlap is found.
 _MOVED, _ACCURACY = 1e-9, 1e-6
+_ROUND_OFF = 1e-12  # of a distance from a surface [m]
 
 
 class SignedDistance(NamedTuple):
@@ -146,14 +147,34 @@ def least_gap(a, b, far, base, frames, pieces, rows, work, polytope):
             return length - pieces[a, RADIUS] - pieces[b, RADIUS], n, n, n
     gap, n, p, q = nearest(a, b, n, False, max(far, 0.0), base, frames, pieces, rows, work)
     swept = pieces[a, ROUNDING] + pieces[b, ROUNDING]
-    if gap + swept < 0.0 and gap < far and pieces[a, KIND] != HALF_SPACE:
+    deep = gap + swept < 0.0 and gap < far and pieces[a, KIND] != HALF_SPACE
+    if deep:
         m = _least_overlap(a, b, n, base, frames, pieces, rows, polytope)
         other, m, s, t = drawn_apart(a, b, m, math.inf, base, frames, pieces, rows, work)
         if other > gap:
             p, q = plus(s, times(pieces[a, ROUNDING], m)), minus(t, times(pieces[b, ROUNDING], m))
             gap, n = other, m
-        gap, n, p, q, _ = hollow_contact(a, b, gap, n, p, q, True, -1.0, base, frames, pieces, rows)
-    return hollow_contact(a, b, gap, n, p, q, False, -1.0, base, frames, pieces, rows)[:4]
+    gap, n, p, q, _ = hollow_contact(a, b, gap, n, p, q, False, base, frames, pieces, rows)
+    for own, other, side in ((a, b, 1.0), (b, a, -1.0)):
+        if deep and gap < 0.0 and is_hollow(own, pieces):
+            # sides rise through half of a thin wall, so that pieces part outwards, or at an end of the piece:
+            # what is in the hollow is at least as far as its point that reaches farthest towards the surface
+            rho, r = pieces[other, ROUNDING], pieces[own, ROUNDING]
+            x = plus(q, times(rho, n)) if side > 0.0 else minus(p, times(rho, n))
+            found, m, _, _ = hollow_surface(own, x, base, frames, pieces, rows)
+            y = support(other, times(-1.0, m), base, frames, pieces, rows)
+            away, e, _, _ = hollow_surface(own, y, base, frames, pieces, rows)
+            way = dot(m, minus(y, x))
+            if (
+                found < math.inf
+                and abs(away - found - way) <= AGREE * abs(way) + _ROUND_OFF
+                and away - r - rho > gap
+            ):
+                gap, n = away - r - rho, times(side, e)
+                p, q = minus(y, times(away - r, e)), minus(y, times(rho, e))
+                if side < 0.0:
+                    p, q = q, p
+    return gap, n, p, q
 
 
 @kernel

@@ -28,10 +28,13 @@ from .columns import (
     ROTATION,
     ROUNDING,
 )
-from .support import matrix_times, support, transposed_times
+from .support import matrix_times, transposed_times
 
 _FACES = 0.5  # cosine between the normals of a contact and of the surface, at least: else it is an edge's
 _BULGE = 0.005  # share of a piece's radius by which its surface may be outside of its sides, where it bulges
+_RISE = 0.25  # share of a piece's radius by which its sides are within its surface, at most
+#: Share of a way along which two distances from a surface agree, if they are from the same side of it.
+AGREE = 0.25
 _BEYOND = 1e-9  # share of an arc by which a foot may be beyond its ends
 _CENTRE = 0.1  # share of a radius of curvature beyond which a centre of curvature is no nearer
 _ON_AXIS = 1e-9  # m, from the axis up to which a surface is as round across as along its profile
@@ -101,31 +104,37 @@ def is_hollow(p, pieces):
 
 
 @inner
-def hollow_contact(a, b, gap, n, p, q, deep, facing, base, frames, pieces, rows):
+def hollow_contact(a, b, gap, n, p, q, edges, base, frames, pieces, rows):
     """Return gap, normal and nearest points of two pieces that touch each other's sides, and whose it is.
 
     Where the side stands for a hollow surface, they are those of the surface. The nearest points, and the
-    normal from a to b, are those of the pieces. Those of ``deep`` ones are replaced only by what is less
-    deep: sides may rise through half of a thin wall, so that pieces part outwards. ``facing`` is the least
-    cosine between the normals of side and surface.
+    normal from a to b, are those of the pieces. What is deeper than its rounding has passed the side, and
+    may have passed the wall: at the side's own point the surface must then be about as far.
+
+    With ``edges``, what touches an edge beside the surface keeps its normal; otherwise the surface's counts
+    where it is farther.
     """
-    whose, swept = NO_FACE, pieces[a, ROUNDING] + pieces[b, ROUNDING]
+    whose = NO_FACE
     for own, other, side in ((a, b, 1.0), (b, a, -1.0)):
         if not is_hollow(own, pieces):
             continue
         rho, r = pieces[other, ROUNDING], pieces[own, ROUNDING]
-        x = plus(q, times(rho, n)) if side > 0.0 else minus(p, times(rho, n))
-        least = (
-            min(gap, 0.0) - _BULGE * pieces[own, RADIUS]
-        )  # less is that of another surface, through a wall
-        if deep:
-            m = hollow_surface(own, x, base, frames, pieces, rows)[1]
-            x, least = support(other, times(-1.0, m), base, frames, pieces, rows), gap
+        y, x = (p, plus(q, times(rho, n))) if side > 0.0 else (q, minus(p, times(rho, n)))
         found, m, _, _ = hollow_surface(own, x, base, frames, pieces, rows)
-        if found == math.inf or found - swept < least or side * dot(m, n) < facing:
+        passed, away, size = gap + rho < 0.0, found - r - rho, pieces[own, RADIUS]
+        if passed:
+            rise, e, _, _ = hollow_surface(own, y, base, frames, pieces, rows)
+            there = rise - r + side * dot(e, n) * gap
+            if rise < math.inf and not abs(there - away) < AGREE * abs(gap):
+                found, m, x, away = rise, e, y, gap + rise - r
+        # others are gaps of another surface, through a wall
+        if not min(gap, 0.0) - _BULGE * size <= away <= gap + _RISE * size:
             continue
-        gap, n, whose = found - swept, times(side, m), FACE_OF_A if side > 0.0 else FACE_OF_B
-        p, q = minus(x, times(found - r, m)), minus(x, times(rho, m))
+        if side * dot(m, n) < _FACES and (edges or passed or away < gap):
+            continue
+        gap, n, whose = away, times(side, m), FACE_OF_A if side > 0.0 else FACE_OF_B
+        p = minus(x, times(found - r, m))
+        q = plus(p, times(away, m))
         if side < 0.0:
             p, q = q, p
     return gap, n, p, q, whose
@@ -139,9 +148,7 @@ def touch_hollow(first, last, base, frames, pieces, rows, out):
         if is_hollow(a, pieces) or is_hollow(b, pieces):
             half = times(0.5 * gap, n)
             p, q = minus(triple(out[k], POINT), half), plus(triple(out[k], POINT), half)
-            gap, n, p, q, whose = hollow_contact(
-                a, b, gap, n, p, q, False, _FACES, base, frames, pieces, rows
-            )
+            gap, n, p, q, whose = hollow_contact(a, b, gap, n, p, q, True, base, frames, pieces, rows)
             if whose != NO_FACE:
                 middle = times(0.5, plus(p, q))
                 for j in range(3):
