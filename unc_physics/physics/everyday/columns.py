@@ -137,7 +137,8 @@ BOUNCE = 0.1  # m/s, closing speed from which what is not elastic rebounds: meas
 BETWEEN = 4  # sweeps from one extrapolation to the next; the first change more than what converges slowly
 FARTHEST = 20.0  # most that these add, in last changes: the ratio of changes is uncertain
 LONG = 0.3  # share of a whole substep from which its forces start the next; tiny ones tell little
-SLOW = 0.03  # m/s, contacts that close slower land without an impact; with .1, rocking blocks lose energy
+SLOW = 0.03  # m/s, contacts that close slower land without an impact: with .1, rocking blocks lose energy;
+# what slides slower stops within 1 mm, and its contacts are chosen as at rest
 SLOP = 2e-5  # m, depth that is left so that contacts at rest last, and motion up to which they are kept
 NEAR = 2e-4  # m, contacts that take part in an impact: flatness of machined faces
 CUTS = 8  # of a step at impacts, shared by the bodies of a group, but at least one; more cost time in piles
@@ -145,7 +146,6 @@ IMPACTS_MOST, IMPACT_SWEEPS = 16, 100  # rounds over a group's pairs, and over t
 PUSH, PUSH_MOST = 0.2, 0.1  # share of the depth that a substep takes out, and of error in that; most [m/s]
 # m, another contact's normal that parts two pieces up to this replaces their own, and a nearest point that is
 GHOST = 1e-4  # nearer than all corners by no more is no contact of its own
-LEVEL = 0.99995  # cosine of the angle up to which such a normal stands for a face's: .1 mm over 1 cm
 STANDS, HELD = 1e-6, 1e-4  # m/s, m/s^2: speed, and acceleration by all forces, of points that stay
 SLEEP_AFTER = 0.1  # s at rest after which a group sleeps
 ASLEEP = 3e-3  # m/s, speed of a body's fastest point at rest

@@ -55,7 +55,6 @@ from .columns import (
     L_NUMBER,
     L_PARTED,
     LAST,
-    LEVEL,
     LIST,
     LISTS,
     MARGIN,
@@ -86,6 +85,7 @@ from .columns import (
     SEARCHES,
     SHOVE,
     SLOP,
+    SLOW,
     SOME,
     SPIN,
     SURE,
@@ -97,9 +97,8 @@ from .columns import (
 from .motion import back, turn, write
 
 FULL = -1  # instead of a number: there was no room for all
-_ALIKE = 2e-4  # 1 - cosine of normals of which one stands for both (1.1 degrees)
+_ALIKE = 2e-4  # 1 - cosine of normals of which one stands for both: 1.1 degrees, .2 mm over 1 cm
 _STRAIGHT = 1e-6  # squared sine up to which contacts are on one line: .1 mm off a line of .1 m
-_LEANS = 0.05  # m/s, speed from which contacts are chosen for what slides: sliding stops within 3 mm
 
 
 class Solids(NamedTuple):
@@ -372,7 +371,7 @@ def _gap_level(a, b, n, least, base, Y, pieces, rows):
     if k < 0:
         return gap, n
     e = turn(Y, i, ROT, three(rows, k, 0))
-    return (gap_along(a, b, e, base, Y, pieces, rows), e) if dot(e, n) > LEVEL else (gap, n)
+    return (gap_along(a, b, e, base, Y, pieces, rows), e) if dot(e, n) > 1.0 - _ALIKE else (gap, n)
 
 
 @inner(noinline=True)
@@ -542,7 +541,7 @@ def _patches(k, lean, a, b, Y, solids, out):
 def _leaning(Y, a, b):
     """Return where the load of a contact moves: along the velocity at which b slides, or with its forces."""
     u = minus(three(Y, b, VEL), three(Y, a, VEL))
-    return u if dot(u, u) > _LEANS * _LEANS else three(Y, b, ACCEL)
+    return u if dot(u, u) > SLOW * SLOW else three(Y, b, ACCEL)
 
 
 @inner(noinline=True)

@@ -61,7 +61,6 @@ STRIDE = 4e-3  # m, way of a point in a round: depths stay less and so go the wa
 _STOPPED = 2e-4  # m, way of a round at which a sample is as near to its pose as it gets
 _DETOUR = 2  # times the rounds of a straight way that sliding may take
 _PATIENCE = 6  # rounds without a lesser depth after which a sample is given up
-_LESS = 0.9  # share of the least depth so far that is less
 _CALMER = 0.9  # factor on a drop after a round in which contacts press: of rims few points take part
 _HELD = 0.5  # share of a drop below which contacts hold bodies nearly, and the drop is halved
 _LOWERINGS = 200  # rounds: from .8 m above a support
@@ -288,7 +287,7 @@ def _approach(x, metric, world, work, rows):
         forget(before, old, search)
         if left <= 0:
             deepest = _deepest(found, C)
-            rounds = 0 if deepest < _LESS * best else rounds + 1
+            rounds = 0 if deepest < best - FREE else rounds + 1
             best = min(best, deepest)
             if deepest <= FREE or rounds == _PATIENCE:
                 return found, swapped
