@@ -53,7 +53,12 @@ def recorded_rollouts(carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[A
     Each rollout is simulated to all of them at once: a call of its own costs as much as dozens of steps.
     """
     if scene.integrator == "explicit":
-        found = _explicit_rollouts(carry, scene, [mark.steps for mark in marks])
+        states, history = carry.states.copy(), histories.copy(carry.contact_history)
+        steps = np.array([mark.steps for mark in marks], np.int64) - carry.step
+        if scene.uncertain:
+            found = recorded_varied(states, history, scene, carry.parameters, carry.step, steps)
+        else:
+            found = recorded(states, history, scene.world, carry.step, steps)
     else:
         z = carry.parameters if scene.uncertain else np.zeros((len(carry.states), 0))
         found = recorded_contacts(carry.states, carry.contact_history, scene, z, carry.step, marks)
@@ -61,12 +66,3 @@ def recorded_rollouts(carry: Any, scene: Scene, marks: Sequence[Mark]) -> list[A
         carry._replace(states=states, contact_history=history, step=mark.fraction_of(scene.dt))
         for mark, (states, history) in zip(marks, found, strict=True)
     ]
-
-
-def _explicit_rollouts(carry, scene, steps):
-    """Return states and histories after whole steps of the explicit integrator; the carry stays."""
-    states, history = carry.states.copy(), histories.copy(carry.contact_history)
-    steps = np.array(steps, np.int64) - carry.step
-    if scene.uncertain:
-        return recorded_varied(states, history, scene, carry.parameters, carry.step, steps)
-    return recorded(states, history, scene.world, carry.step, steps)

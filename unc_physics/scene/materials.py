@@ -92,7 +92,11 @@ def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestErr
 
     ``of`` ends the field's name in errors, which are of the type ``error``, or `NotFiniteError`.
     """
-    material = _material(getattr(thing, "material", None), f"material{of}", error)
+    material = getattr(thing, "material", None)
+    if material is not None:
+        if not isinstance(material, str) or material not in MATERIALS:
+            raise error(one_of(material, MATERIALS), field=f"material{of}", value=material)
+        material = MATERIALS[material]
     for name, check in (("friction", non_negative), ("restitution", share)):
         value, std = getattr(thing, name), getattr(thing, f"{name}_std")
         field = f"{name}_std{of}"
@@ -112,15 +116,6 @@ def check_surface(thing, of="", error: type[UncPhysicsError] = InvalidRequestErr
     for name in ("torsional_friction", "rolling_friction") if isinstance(thing, Surface) else ():
         if getattr(thing, name) is not None:
             object.__setattr__(thing, name, non_negative(getattr(thing, name), f"{name}{of}", error))
-
-
-def _material(name, field, error):
-    """Return the `Material` of that name, or None for None."""
-    if name is None:
-        return None
-    if not isinstance(name, str) or name not in MATERIALS:
-        raise error(one_of(name, MATERIALS), field=field, value=name)
-    return MATERIALS[name]
 
 
 def refuse_with_explicit(thing, place="") -> None:
