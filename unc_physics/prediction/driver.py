@@ -227,8 +227,10 @@ class Propagation:
     def _result(self, waiting):
         """Return the `PropagationResult` with the snapshots of the carries that waited."""
         self._snapshots.extend(_snapshots_of(self._propagator, self._scene, waiting))
-        moved = are_moved_at_start(self._scene, self._first)
-        start = self._propagator.belief(self._first, self._scene) if moved else self._initial
+        scene, adjusted = self._scene, self._first.contact_history.start
+        rests = any(body.at_rest for body in scene.bodies)
+        moved = adjusted is not None and (adjusted.moved.any() or rests) or scene.overlap == "reject"
+        start = self._propagator.belief(self._first, scene) if moved else self._initial
         return PropagationResult(
             self._initial, start, tuple(self._snapshots), self._points_history, self._first
         )
@@ -367,13 +369,6 @@ def points_at_start(scene: Scene, belief: Belief) -> tuple[Belief, ContactHistor
     points = make_propagator(POINTS)
     carry = points.init(scene, constrain_belief(scene, belief))
     return points.belief(carry, scene), carry.contact_history
-
-
-def are_moved_at_start(scene: Scene, first: Any) -> bool:
-    """Return whether bodies of the carry ``first`` at time 0 have other states than were given."""
-    start = first.contact_history.start
-    moved = start is not None and (start.moved.any() or any(body.at_rest for body in scene.bodies))
-    return bool(moved or scene.overlap == "reject")
 
 
 def wide_states(scene: Scene, initial: Belief, marks: Sequence[Mark], count: int) -> list[np.ndarray | None]:

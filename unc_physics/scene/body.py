@@ -17,6 +17,7 @@ from ..checks.validation import array, flag, instance, non_negative, number, num
 from ..physics.paper import sphere_tree
 from ..shapes.packing_file import SpherePacking, check_inertia
 from .actions import PosePath, Wrench, six_stds
+from .body_belief import three_stds
 from .materials import Surface, check_surface
 
 #: Range of masses [kg] without overflow or underflow.
@@ -136,16 +137,13 @@ class RigidBody(Surface):
             )
         of = f" of body '{self.name}'"
         check_surface(self, of)
-        shifts = numbers(self.center_of_mass_std, f"center_of_mass_std{of}")
-        shifts = array(np.full(3, shifts) if shifts.ndim == 0 else shifts, (3,), f"center_of_mass_std{of}")
-        non_negative(float(shifts.min()), f"center_of_mass_std{of}")
         if self.trajectory is not None:
             instance(self.trajectory, PosePath, f"trajectory{of}")
         checked = {
             "fixed": flag(self.fixed, f"fixed{of}"),
             "mass": known_mass(self.mass, self.model, not self.free, f"mass{of}"),
             "mass_std": non_negative(self.mass_std, f"mass_std{of}", InvalidMassError),
-            "center_of_mass_std": shifts,
+            "center_of_mass_std": three_stds(self.center_of_mass_std, f"center_of_mass_std{of}"),
             "at_rest": flag(self.at_rest, f"at_rest{of}"),
             "trajectory_std": six_stds(self.trajectory_std, f"trajectory_std{of}"),
             "attached_at": non_negative(self.attached_at, f"attached_at{of}"),
