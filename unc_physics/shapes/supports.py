@@ -520,7 +520,7 @@ class _SphereFit:
         cost = np.array([0.0, 0.0, 0.0, -1.0, *[_GAP_PENALTY] * (soft - 1), _PLACE_PENALTY])
         low = np.array([*(center - trust), *[0.0] * (1 + soft)])
         high = np.array([*(center + trust), LARGEST * self.size, *[np.inf] * soft])
-        # a linear programme has no integers; `linprog` spends more time on checks
+        # a linear programme has no integers; the function for it spends more time on checks
         limits = scipy.LinearConstraint(a, -np.inf, b)
         found = scipy.milp(cost, constraints=limits, bounds=scipy.Bounds(low, high))
         return None if found.x is None else (found.x[:3], found.x[3], -found.fun)
