@@ -61,7 +61,7 @@ def test_lines_are_predicted_and_bad_ones_named(tmp_path, monkeypatch, capsys):
     assert found[0]["position"] == single["position"]
     assert found[0]["covariance"] == [value for row in single["covariance"] for value in row]
 
-    lines[1], lines[4:] = line(), [line(propagator=3)]
+    lines[1], lines[4:] = line(times=0.1), [line(propagator=3)]
     (tmp_path / "ask.jsonl").write_text("\n".join(lines))
     assert main([*command, "--executor", "processes:1"]) == 10
     out, err = capsys.readouterr()
@@ -77,7 +77,7 @@ def test_lines_are_predicted_and_bad_ones_named(tmp_path, monkeypatch, capsys):
         (line(events={}), "events must be a list"),
         (line(events=[{"lies": "box"}]), "events[0] has no"),
         (line(times=["soon"]), "times[0] must be a number"),
-        (line(times="soon"), "times must be a number"),
+        (line(times="soon"), "times[0] must be a number"),
         (line(seed=-1), "seed must be at least 0"),
         (line(horizon=2.0), "request has no key 'horizon'"),
         (line(scene=None), "scene must be a mapping"),

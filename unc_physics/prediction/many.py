@@ -92,7 +92,8 @@ class RequestLine(NamedTuple):
         propagator = propagator_from_texts(given["propagator"], options, seed=seed)
         times = given.get("times")
         if times is not None:
-            times = read_numbers(times, (len(times),) if isinstance(times, list) else (), "times").tolist()
+            times = times if isinstance(times, list) else [times]
+            times = read_numbers(times, (len(times),), "times").tolist()
         events = [read_event(event, f"events[{k}]") for k, event in enumerate(given["events"])]
         scene = _shared(scene, given["scene"])
         return Request(scene, belief, propagator, horizon if times is None else times, events)
