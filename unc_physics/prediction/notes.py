@@ -10,6 +10,7 @@ from ..scene.scene import Scene
 from ..shapes.mesh_pieces import NOTED
 from ..shapes.packing_file import HULL
 
+ENDLESS = "falls for ever, as the scene has no environment; give it a plane or a box to land on"
 _SIZES = 1e-3, 10.0  # below and above the sizes of what robots handle and stand on [m]
 _DENSITIES = 0.1, 1e5  # below and above the densities of all materials [kg/m^3]
 
@@ -32,7 +33,7 @@ def notes_of(scene: Scene, body: int) -> Iterator[str]:
             yield f"has a size of {size:.3g} m; lengths are in metres, is it given in another unit?"
     if not scene.environment and all(one.free for one in scene.bodies):
         if scene.gravity.any():
-            yield "falls for ever, as the scene has no environment; give it a plane or a box to land on"
+            yield ENDLESS
         elif len(scene.bodies) == 1:
             yield "meets nothing, as the scene has neither gravity nor an environment; should it be everyday?"
 

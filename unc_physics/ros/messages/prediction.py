@@ -19,7 +19,7 @@ from unc_physics_msgs.msg import Prediction as PredictionMessage
 from ...checks.errors import DivergedError
 from ...prediction.events import Event, Touches
 from ...prediction.evidence import overlap_shares
-from ...prediction.notes import endless
+from ...prediction.notes import ENDLESS
 from ...prediction.prediction import Prediction
 from ...prediction.status import assess_all
 from ...propagators.base import Samples, rollout_count
@@ -230,8 +230,8 @@ def write_notes(objects: Iterable[PredictedObject], job: Job) -> None:
         if bottomless and still:
             predicted.status |= PredictedObject.STATUS_OUTSIDE_VALIDITY
             texts.insert(0, _BOTTOMLESS)
-            note = f"{_NOTE}{endless(scene, k)}"  # the same in other words
-            predicted.status_msg = predicted.status_msg.replace(note, "").strip("; ")
+            told = predicted.status_msg.replace(f"{_NOTE}{ENDLESS}", "")  # the same in other words
+            predicted.status_msg = told.strip("; ")
         predicted.status_msg = "; ".join(filter(None, [predicted.status_msg, *texts]))
 
 
