@@ -57,9 +57,12 @@ def test_lines_are_predicted_and_bad_ones_named(tmp_path, monkeypatch, capsys):
     (tmp_path / "scene.yaml").write_text(json.dumps(SCENE))
     options = ["--propagator", "monte_carlo", "--samples", "8", "--seed", "1", "--json"]
     assert main(["predict", "scene.yaml", *options]) == 0
-    (single,) = json.loads(capsys.readouterr().out)["bodies"]
+    said = json.loads(capsys.readouterr().out)
+    (single,), (status,) = said["bodies"], said["statuses"]
     assert found[0]["position"] == single["position"]
     assert found[0]["covariance"] == [value for row in single["covariance"] for value in row]
+    assert found[0]["flags"] == status["flags"] == ["OUTSIDE_VALIDITY"]  # by eight samples
+    assert found[0]["reasons"] == status["reasons"]
 
     lines[1], lines[4:] = line(times=0.1), [line(propagator=3)]
     (tmp_path / "ask.jsonl").write_text("\n".join(lines))

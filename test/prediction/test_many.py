@@ -1,10 +1,14 @@
 """Many predictions have the bits of single ones, whoever makes them, and none is lost or doubled."""
 
 import multiprocessing
+import os
 import queue
+import subprocess
+import sys
 import threading
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +25,10 @@ from unc_physics import (
     predict_many,
     primitive_model,
 )
-from unc_physics.checks.errors import DivergedError, InternalError, UncPhysicsError
+from unc_physics.checks.errors import DivergedError, InternalError, InvalidRequestError, UncPhysicsError
 from unc_physics.prediction import executors, many
 from unc_physics.prediction.executors import Workers, in_order
+from unc_physics.prediction.status import assess_all
 
 FLOOR = Plane((0, 0, 1), 0.0, name="floor")
 SCENE = Scene.everyday(
@@ -113,8 +118,54 @@ def test_answers_have_the_bits_of_single_predictions():
             np.testing.assert_array_equal(answer.means[at], snapshot.belief.mean)
             np.testing.assert_array_equal(answer.covariances[at, 0], snapshot.belief.marginal(0))
             assert answer.probabilities[at] == {"box touches floor": one.probability(EVENTS[0], time=time)}
+        assert list(map(repr, answer.statuses)) == list(map(repr, assess_all(one)))
     (own,) = predict_many([(SCENE, belief(1), make_propagator("monte_carlo", seed=7), 0.1)])
     assert own.seed == 7 and own.times.tolist() == [0.1] and own.probabilities == ({},)
+
+
+def test_an_action_that_cannot_be_done_has_an_answer():
+    actions = [belief(0), {"bxo": {"mass": 1.0}}, {"box": {"mass": -1.0}}, belief(3)]
+    found = list(predict_many((SCENE, belief(0), "monte_carlo", TIMES, EVENTS), actions=actions))
+    assert [answer.number for answer in found] == [0, 1, 2, 3]
+    assert [answer.error is None for answer in found] == [True, False, False, True]
+    assert str(found[1].error).startswith("actions[1] is neither a body nor")
+    assert str(found[2].error) == "actions[2]: mass of body 'box' must be positive (got -1.0)"
+    assert bits(found[3]) == bits(list(ask(4))[3])
+
+
+@pytest.mark.parametrize("wrong", [SCENE, [(SCENE,)], [SCENE]])
+def test_requests_that_are_none_are_refused(wrong):
+    with pytest.raises(InvalidRequestError, match="a request must be a scene, a belief"):
+        list(predict_many(wrong, actions=None if isinstance(wrong, list) else [belief(0)]))
+
+
+ABANDONED = """
+import sys
+from test_many import ask
+if __name__ == "__main__":
+    for answer in ask(400, "processes:1"):
+        if sys.argv[1] == "break":
+            break
+        raise ValueError("mine")
+"""
+
+
+@pytest.mark.parametrize("how", ["break", "raise"])
+def test_a_process_that_takes_no_more_answers_ends(tmp_path, how):
+    script = tmp_path / "script.py"
+    script.write_text(ABANDONED)
+    paths = os.pathsep.join([str(Path(__file__).parent), *sys.path])
+    done = subprocess.run(
+        [sys.executable, str(script), how],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env=os.environ | {"PYTHONPATH": paths},
+    )
+    said = done.stderr.strip().splitlines()
+    assert (said[-1:] == ["ValueError: mine"]) if how == "raise" else not done.returncode, done.stderr
+    assert "Exception in thread" not in done.stderr
 
 
 def test_answers_do_not_depend_on_who_works_and_when():

@@ -30,6 +30,11 @@ class _Refusal(event.Listener):
         pass
 
 
+def is_refused():
+    """Return whether this thread refuses to compile."""
+    return _here.refuses
+
+
 @contextlib.contextmanager
 def refused_compilation(refuses=True):
     """Raise `CompilationRefused` in the ``with`` block where a kernel would have to be compiled."""

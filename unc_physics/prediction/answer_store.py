@@ -35,7 +35,8 @@ class AnswerStore:
 
     A file has a row for each body and time, with columns ``number``, ``request`` (its fingerprint),
     ``seed``, ``time`` [s], ``body``, ``position``, ``orientation``, ``linear_velocity``,
-    ``angular_velocity``, ``covariance`` (144, row by row) and ``events``, a list of their probabilities.
+    ``angular_velocity``, ``covariance`` (144, row by row), ``flags`` and ``reasons`` of the status, and
+    ``events``, a list of their probabilities.
 
     Parameters
     ----------
@@ -146,7 +147,8 @@ class AnswerStore:
             "body": text,
         }
         columns |= {name: list_(number, part.stop - part.start) for name, part in _STATE.items()}
-        columns |= {"covariance": list_(number, ERROR * ERROR), "events": list_(arrow.struct(of_event))}
+        columns |= {"covariance": list_(number, ERROR * ERROR), "flags": list_(text), "reasons": list_(text)}
+        columns["events"] = list_(arrow.struct(of_event))
         rows = [row for answer, digest in self._waiting for row in _rows(answer, digest)]
         return arrow.Table.from_pylist(rows, arrow.schema(columns.items()))
 
@@ -164,6 +166,8 @@ def _rows(answer, digest):
                 "body": body,
                 **{name: answer.means[k, b, part].tolist() for name, part in _STATE.items()},
                 "covariance": answer.covariances[k, b].ravel().tolist(),
+                "flags": [flag.name for flag in answer.statuses[k][b].flags],
+                "reasons": answer.statuses[k][b].reasons,
                 "events": events,
             }
 

@@ -127,7 +127,7 @@ class Workers:
                 for future in done:
                     yield from self._of_chunk(future, pending.pop(future))
         finally:
-            for future in pending:
+            for future in pending if self._make is None else ():  # else `close` ends them with their executor
                 future.cancel()
 
     def _next(self, waiting, idle):
@@ -247,10 +247,13 @@ class _Processes(Pool):
     """Processes that end at once if nobody waits for them."""
 
     def shutdown(self, wait=True, *, cancel_futures=False):
+        calls = self._call_queue  # pyright: ignore[reportAttributeAccessIssue]
         processes = list((self._processes or {}).values())
         super().shutdown(wait, cancel_futures=cancel_futures)
-        for process in () if wait else processes:
-            process.terminate()
+        if not wait and calls is not None:
+            calls.cancel_join_thread()  # it would write to processes that are no more
+            for process in processes:
+                process.terminate()
 
 
 def _begin_process():

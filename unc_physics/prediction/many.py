@@ -22,13 +22,15 @@ from ..scene.belief import Belief
 from ..scene.entries import check_keys, read_numbers
 from ..scene.scene import Scene
 from ..scene.scene_file import scene_from_dict
-from .actions import OF_BELIEF, Action, apply_action
+from .actions import OF_BELIEF, Action, about_action, apply_action
 from .answer_store import AnswerStore
+from .body_status import BodyStatus
 from .event_entries import read_event
 from .events import Event
 from .executors import AnyExecutor, Workers, in_order
 from .predict import predict
 from .snapshot import Probability
+from .status import assess_all
 
 _LINE_KEYS = ("scene", "propagator", "options", "times", "events", "seed")
 _SCENES = 64  # kept in a process, for lines with the same one
@@ -130,6 +132,8 @@ class RequestAnswer:
         Of each body, as `Belief.marginal`.
     probabilities : tuple of dict of str to Probability
         At each time, by the text of the event.
+    statuses : tuple of tuple of BodyStatus
+        At each time, of each body, as those of `assess_all`.
     wall_time : float
         As in `Prediction.wall_time` [s].
     error : UncPhysicsError or None
@@ -143,6 +147,7 @@ class RequestAnswer:
     means: Any = None
     covariances: Any = None
     probabilities: tuple[dict[str, Probability], ...] = ()
+    statuses: tuple[tuple[BodyStatus, ...], ...] = ()
     wall_time: float = 0.0
     error: UncPhysicsError | None = None
 
@@ -193,13 +198,33 @@ def predict_many(
         If the folder cannot be written, pyarrow or Dask is missing, or there is no such executor.
     """
     if actions is not None:
-        single = Request(*requests)  # pyright: ignore[reportArgumentType]
-        requests = (_after(single, action) for action in actions)
+        single = _request(requests)
+        requests = (_after(single, *numbered) for numbered in enumerate(actions))
     return in_order(_answers(requests, executor, store, progress))
 
 
-def _after(request, action):
-    scene, belief = apply_action(request.scene, request.belief, action)
+def _request(fields):
+    """Return a request of its fields."""
+    if isinstance(fields, tuple) and 2 <= len(fields) <= len(Request._fields):
+        return Request(*fields)
+    raise InvalidRequestError("must be a scene, a belief, a propagator, times and events", field="a request")
+
+
+class _Wrong(NamedTuple):
+    """In place of a request that cannot be made."""
+
+    error: UncPhysicsError
+
+    def read(self, number: int) -> Request:
+        """Raise the error."""
+        raise self.error
+
+
+def _after(request, number, action):
+    try:
+        scene, belief = apply_action(request.scene, request.belief, action)
+    except UncPhysicsError as error:
+        return _Wrong(about_action(number, error))
     return request._replace(scene=scene, belief=belief)
 
 
@@ -207,7 +232,7 @@ class _Asked(NamedTuple):
     """A request with its number, and how often this process had compiled kernels for workers before."""
 
     number: int
-    request: Request | RequestLine
+    request: Request | RequestLine | _Wrong
     compiled: int
 
 
@@ -226,8 +251,8 @@ def _answers(requests, executor, store, progress):
         for number, request in enumerate(requests):
             if isinstance(request, RequestLine):
                 number = request.number
-            elif not isinstance(request, Request):
-                request = Request(*request)
+            elif not isinstance(request, (Request, _Wrong)):
+                request = _request(request)
             if stored is None or not stored.has(number, request):
                 yield _Asked(number, request, compiled)
 
@@ -275,6 +300,7 @@ def _answer(asked: _Asked, compiles: bool) -> RequestAnswer | _Refused:
             probabilities = tuple(
                 {str(event): found.probability(event, time=time) for event in events} for time in found.times
             )
+            statuses = assess_all(found)
     except CompilationRefused as refused:
         return _Refused(str(refused), str(FOLDER))
     except UncPhysicsError as error:
@@ -289,5 +315,6 @@ def _answer(asked: _Asked, compiles: bool) -> RequestAnswer | _Refused:
         np.array([belief.mean for belief in found.beliefs]),
         np.array([[belief.marginal(b) for b in bodies] for belief in found.beliefs]),
         probabilities,
+        statuses,
         found.wall_time,
     )

@@ -25,6 +25,7 @@ from numba.core.dispatcher import Dispatcher
 
 from .. import versions
 from ..cache_folder import PACKAGE, find_folders
+from ..refusal import is_refused
 from . import kernel_file
 from .kernel_stamp import stamp
 from .noinline import keep_address, needed
@@ -151,6 +152,8 @@ class _KernelCache(caching.FunctionCache):
                 f"{self._name} is not compiled for {sig}, and environment variable {versions.VARIABLE} is"
                 " 'off'; unset it to compile"
             )
+        if loaded is None and is_refused():  # numba raises the refusal next
+            return None
         began = time.monotonic()
         while loaded is None and self._enabled and not self._locks(sig):
             if time.monotonic() - began > _PATIENCE:
