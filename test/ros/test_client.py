@@ -422,10 +422,11 @@ def test_a_call_that_only_the_calling_thread_could_answer_times_out():
             assert served.wait(READY), "the executor goes on, and takes up the request"
 
 
-def test_closing_a_client_ends_its_calls(node):
+@pytest.mark.parametrize("after", [0.0, 0.01, 0.5])  # s: in any state, from the search for the service on
+def test_closing_a_client_ends_its_calls(node, after):
     with Client(timeout=READY) as client, ThreadPoolExecutor() as pool:
         asking = pool.submit(client.predict, endless(2.0))
-        sleep(0.5)  # the request is mostly sent by then
+        sleep(after)
         client.close()
         with pytest.raises(NotActiveError, match="the client is closed"):
             asking.result(READY)

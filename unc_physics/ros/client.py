@@ -16,6 +16,7 @@ import rclpy
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Pose, PoseWithCovariance, Twist, TwistWithCovariance, Vector3
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from shape_msgs.msg import Plane, SolidPrimitive
 
@@ -278,14 +279,17 @@ class Client(contextlib.AbstractContextManager["Client"]):
         """Return the answer of a service, or raise the error in it."""
         end, name, done = self._end(timeout), f"{self._server}/{name}", threading.Event()
         request = make_message(kind.Request, **fields)
-        client = self._once(name, self._node.create_client, kind, name)
-        self._wait(client.service_is_ready, name, end, _NOBODY)
-        future = client.call_async(request)
-        future.add_done_callback(lambda _: done.set())
         try:
-            self._wait(done.is_set, name, end, _LATE, done, client.service_is_ready)
-        finally:
-            client.remove_pending_request(future)
+            client = self._once(name, self._node.create_client, kind, name)
+            self._wait(client.service_is_ready, name, end, _NOBODY)
+            future = client.call_async(request)
+            future.add_done_callback(lambda _: done.set())
+            try:
+                self._wait(done.is_set, name, end, _LATE, done, client.service_is_ready)
+            finally:
+                client.remove_pending_request(future)
+        except InvalidHandle:  # `close` destroyed the client since `_wait` looked
+            raise NotActiveError("is closed", field="the client") from None
         return _checked(future.result(), request)
 
     def _wait(self, is_done, name, end, problem, changed=None, is_offered=lambda: True):
