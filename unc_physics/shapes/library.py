@@ -28,8 +28,8 @@ def models_dirs(models_dir=None) -> list[Path]:
     """Return the folders that are searched for models, in the order of the search.
 
     If ``models_dir`` or the environment variable ``UNC_PHYSICS_MODELS`` is set, this is the only folder.
-    Otherwise they are the source checkout's ``models``, the share folders of the Python installation and of
-    each ROS prefix (``AMENT_PREFIX_PATH``), and the user's cache.
+    Otherwise they are the source checkout's ``models``, the share folders of each ROS prefix
+    (``AMENT_PREFIX_PATH``, overlays first) and of the Python installation, and the user's cache.
     """
     chosen = models_dir or os.environ.get("UNC_PHYSICS_MODELS")
     if chosen:
@@ -37,7 +37,7 @@ def models_dirs(models_dir=None) -> list[Path]:
             return [Path(chosen).expanduser()]
         except RuntimeError:  # no such home
             return [Path(chosen)]
-    prefixes = [sys.prefix, *filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))]
+    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
     folders = [_CHECKOUT / "models"] if (_CHECKOUT / "models" / "bunny.npz").is_file() else []
     folders += [Path(prefix) / SHARE for prefix in prefixes]
     return [folder for folder in dict.fromkeys([*folders, cache_dir()]) if folder.is_dir()]
